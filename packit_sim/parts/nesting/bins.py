@@ -18,7 +18,7 @@ from packit_sim.parts.nesting.filling import (
 )
 from packit_sim.parts.nesting.pose_kernels import box_of
 from packit_sim.parts.nesting.problem import Problem, boxes_of
-from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchTask, Solution
 
@@ -109,7 +109,7 @@ class BinsSearch(NestSearch):
                 volume -= self._task.volumes[i]
         return np.array(found, np.int64)
 
-    def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
+    def _end(self, problem: Problem, best: Solution, attempt: Attempt, is_apart: bool) -> None:
         if self._is_smaller:
             if is_apart:
                 self._offer(problem, self._solution(attempt.least, self._boxes))

@@ -43,6 +43,13 @@ Less than a check allows; not equal, so that no faces of equal items at one plac
 cross, or one item is inside the other.
 """
 
+APART = 2.0
+"""Tolerances that items without fields keep from each other, where hundreds come into contact.
+
+Drawing in a hollow moves its inner surface outwards, by other lengths in a check than here: of many
+pairs that just do not cross here, some would cross there.
+"""
+
 SLACK = min(DRAWN_IN) / 2
 """Share of the tolerance by which bounding boxes may overlap."""
 
@@ -58,6 +65,8 @@ def build(
     unit: float,
     clearance: float,
     settings: SearchSettings = DEFAULT_SETTINGS,
+    by_cells: bool = False,
+    has_fields: bool = True,
 ) -> Problem:
     """Compute the arrays of a problem.
 
@@ -71,6 +80,10 @@ def build(
         The distance to keep.
     settings : SearchSettings
         The resolution of stored distances, and where the surfaces compute them.
+    by_cells : bool
+        True to fill boxes with items as cells.
+    has_fields : bool
+        False for a problem without fields and stored distances.
 
     Returns
     -------
@@ -95,14 +108,15 @@ def build(
     is_simple = triangles <= settings.simple_triangles
     is_cheap = is_simple or fields * triangles <= settings.refined_work
     refined = fields <= settings.max_refined_fields and is_cheap
-    voxel = _voxel(types, len(relative_turns), refined, settings)
-    voxels = [
-        turned_voxels(vertices[each.faces], relative_turns, voxel)
-        for vertices, each in zip(centred, types, strict=True)
-    ]
+    if not has_fields:
+        refined, clearance = False, max(clearance, APART * tolerance)
+    # Types of which fields and distances are computed: all or none.
+    measured = list(zip(types, centred, strict=True)) if has_fields else []
+    voxel = _voxel(types, len(relative_turns), refined, settings) if has_fields else longest.min()
+    voxels = [turned_voxels(v[each.faces], relative_turns, voxel) for each, v in measured]
     flat = [each.ravel() for row in voxels for each in row]
     shapes = [each.shape for row in voxels for each in row]
-    voxel_fields = np.column_stack((_starts(flat)[:-1], shapes))
+    voxel_fields = np.column_stack((_starts(flat)[:-1], np.reshape(shapes, (-1, 3))))
     lookup = Lookup(
         voxel=voxel,
         clearance=clearance,
@@ -113,16 +127,18 @@ def build(
         boxes=boxes,
         sizes=np.sqrt(longest / longest.mean()),
         hollow=np.array([not is_simple and _is_hollow(each, settings.hollow) for each in types]),
-        numbers=np.full((len(types), len(types), len(relative_turns)), -1, np.int64),
+        numbers=np.full((len(measured), len(measured), len(relative_turns)), -1, np.int64),
         fields=np.zeros((min(fields, settings.max_fields) + 1, 4), np.int64),
         values=np.zeros(settings.max_field_values, np.int16),
         used=np.zeros(3, np.int64),
-        voxels=np.concatenate(flat),
-        voxel_fields=voxel_fields.reshape(len(types), -1, 4).astype(np.int64),
+        voxels=np.concatenate([np.empty(0, np.uint8), *flat]),
+        voxel_fields=voxel_fields.reshape(len(measured), len(relative_turns), 4).astype(np.int64),
     )
     parts = [Parts.of(vertices, each.faces) for each, vertices in zip(types, centred, strict=True)]
     return Problem(
         lookup,
+        by_cells=by_cells,
+        has_fields=has_fields,
         refined=refined,
         relative_turns=relative_turns,
         allowed=allowed,
@@ -131,11 +147,17 @@ def build(
         surfaces=_surfaces(types, centred, tolerance),
         closed=_closed(centred, parts),
         solids=_solids(types, centred, parts),
-        distances=_distances(types, centred, clearance, settings),
+        distances=_distances(measured, clearance, settings),
         shift=np.zeros(3),
         waiting=np.zeros((STACK, 2), np.int64),
         triangle=np.zeros((3, 3)),
     )
+
+
+def count_fields(types: Sequence[ItemType]) -> int:
+    """Return the number of fields of all pairs of types."""
+    turns, _ = _turns(types)
+    return len(types) * (len(types) + 1) // 2 * len(_relative(turns)[1])
 
 
 def _is_hollow(item_type: ItemType, share: float) -> bool:
@@ -268,28 +290,26 @@ def _solids(types: Sequence[ItemType], centred: list[Floats], parts: Sequence[Pa
 
 
 def _distances(
-    types: Sequence[ItemType], centred: list[Floats], clearance: float, settings: SearchSettings
+    types: Sequence[tuple[ItemType, Floats]], clearance: float, settings: SearchSettings
 ) -> Distances:
-    values, points = [], []
-    dims = np.zeros((len(types), 3), np.int64)
-    longest = np.array([each.extents.max() for each in types])
+    """Return the distances to solids, from types with their centred vertices."""
+    values, points = [np.empty((0, 0, 0), np.int16)], [np.empty((0, 3))]
+    longest = np.array([each.extents.max() for each, _ in types])
     cells = (longest + 2 * clearance) / settings.distance_cells
-    margin = clearance + settings.distance_margin * float(cells.max())
-    for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
-        own_margin = clearance + settings.distance_margin * cells[n]
-        found = signed_distances(vertices[each.faces], cells[n], own_margin)
-        dims[n] = found.shape
-        values.append(np.round(found * (STEPS / cells[n])).clip(-32000, 32000).astype(np.int16))
+    for (each, vertices), cell in zip(types, cells.tolist(), strict=True):
+        own_margin = clearance + settings.distance_margin * cell
+        found = signed_distances(vertices[each.faces], cell, own_margin)
+        values.append(np.round(found * (STEPS / cell)).clip(-32000, 32000).astype(np.int16))
         points.append(spread_points(vertices, each.faces, settings.surface_points))
     flat = [each.ravel() for each in values]
     return Distances(
         np.concatenate(flat),
-        _starts(flat),
-        dims,
+        _starts(flat)[1:],
+        np.array([each.shape for each in values[1:]], np.int64).reshape(-1, 3),
         cells,
         np.concatenate(points),
-        _starts(points),
-        margin,
+        _starts(points)[1:],
+        clearance + settings.distance_margin * float(cells.max(initial=0.0)),
     )
 
 

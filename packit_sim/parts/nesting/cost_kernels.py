@@ -77,7 +77,7 @@ def rough_cost(lookup, state, i, o, p, limit):
     hx, hy, hz = p[0] + box[3], p[1] + box[4], p[2] + box[5]
     total = 0.0
     for j in range(len(state.types)):
-        if _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
+        if is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
             continue
         first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
         number = lookup.numbers[first, other, rel]
@@ -127,7 +127,7 @@ def fine_cost(problem, state, i, o, p, limit):
     state.depths[:] = 0
     state.slope[:] = 0
     for j in range(len(state.types)):
-        if _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
+        if is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
             continue
         distance, gx, gy, gz = distance_of(problem, state, i, o, p, j)
         depth = state.margins[i, j] - distance
@@ -146,9 +146,15 @@ def fine_cost(problem, state, i, o, p, limit):
 
 @inner_kernel
 def distance_of(problem, state, i, o, p, j):
-    """Return the distance of two items in voxels, and its gradient (3) for moves of the first."""
+    """Return the distance of two items in voxels, and its gradient (3) for moves of the first.
+
+    Without fields only surfaces are asked: any conflict has the depth 1 and no gradient.
+    """
     lookup = problem.lookup
     first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
+    if not problem.has_fields:
+        is_conflict = in_conflict(problem, first, other, rel, sx, sy, sz, True)
+        return -1.0 if is_conflict else NO_LIMIT, 0.0, 0.0, 0.0
     number = lookup.numbers[first, other, rel]
     if number < 0:
         number = add_field(lookup, first, other, rel)
@@ -219,7 +225,7 @@ def offset(lookup, state, i, o, p, j):
 
 
 @inlined
-def _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
+def is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
     """Return whether an item's bounding box has nothing in that from (lx, ...) to (hx, ...)."""
     # Heights first: in a tall strip most items are above or below.
     bounds = state.bounds

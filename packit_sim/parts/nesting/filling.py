@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.parts.nesting.cell_filling import cell_side, fill_cells
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.construction_kernels import construct
 from packit_sim.parts.nesting.pose_kernels import take_out
@@ -38,8 +39,9 @@ def constructed(
     sizes: Sequence[Sequence[float]],
     rng: npt.NDArray[np.uint64],
     budget: SearchBudget | None = None,
+    order: Ints | None = None,
 ) -> Poses:
-    """Construct a packing in the order of the task, box after box, around given first poses.
+    """Construct a packing, box after box, around given first poses.
 
     Parameters
     ----------
@@ -49,6 +51,8 @@ def constructed(
         The state of the kernels' generator.
     budget : SearchBudget, optional
         As in `filled`.
+    order : ndarray of int64, optional
+        The items in their order, instead of that of the task.
 
     Returns
     -------
@@ -59,7 +63,8 @@ def constructed(
     poses = task.unplaced
     if task.start is not None:
         poses = repaired(problem, task, task.start, boxes)
-    return filled(problem, task, poses, boxes, task.order, rng, budget)
+    order = task.order if order is None else order
+    return filled(problem, task, poses, boxes, order, rng, budget)
 
 
 def filled(
@@ -92,6 +97,9 @@ def filled(
         The poses; items for which there is no place are not inside.
     """
     state = loaded(problem, task, poses, boxes)
+    if problem.by_cells:
+        fill_cells(problem, state, boxes, order, cell_side(problem, task), budget)
+        return Poses.of(state)
     for k in range(len(boxes)):
         left = order[state.inside[order] == 0]
         for first in range(0, len(left), AT_ONCE):

@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.parts.nesting.cell_filling import settle_all
 from packit_sim.parts.nesting.filling import (
     constructed,
     filled,
     least_heights,
+    loaded,
     rebuilt,
     repaired,
     with_random_poses,
 )
 from packit_sim.parts.nesting.problem import Problem, boxes_of
-from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
@@ -55,12 +57,27 @@ class KnapsackSearch(NestSearch):
         self._fits = np.isfinite(least_heights(problem, self._task))
         sizes = [self._task.size]
         poses = constructed(problem, self._task, sizes, self._rng, self._budget)
+        if problem.by_cells:
+            poses = self._settled_and_filled(problem, poses)
         solution = self._solution(poses)
         is_late = self._budget is not None and self._budget.is_late
         self.is_cut = is_late and bool((self._fits & ~self._packed(poses)).any())
         self._good = self._current = self._own(solution.poses)
         self._rebuilt = solution.poses
         return solution
+
+    def _settled_and_filled(self, problem: Problem, poses: Poses) -> Poses:
+        """Let items settle, which leaves space above them, and fill it, while that gains value."""
+        value = -1.0
+        while self._value(poses) > value:
+            value = self._value(poses)
+            state = loaded(problem, self._task, poses, self._boxes)
+            settle_all(problem, self._task, state, self._rng, self._budget)
+            order, budget = self._task.order, self._budget
+            poses = filled(
+                problem, self._task, Poses.of(state), self._boxes, order, self._rng, budget
+            )
+        return poses
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
         self._count_effort(0, budget)
@@ -104,7 +121,7 @@ class KnapsackSearch(NestSearch):
         poses = self._exchanged(problem)
         return Separation(self._task, poses, self._boxes, self._task.settings.exchange_patience)
 
-    def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
+    def _end(self, problem: Problem, best: Solution, attempt: Attempt, is_apart: bool) -> None:
         settings = self._task.settings
         poses = attempt.least
         if not is_apart:

@@ -19,7 +19,8 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import ROTATION_SLACK, Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.parts.nesting.bins import BinsSearch
-from packit_sim.parts.nesting.build import SLACK
+from packit_sim.parts.nesting.build import SLACK, count_fields
+from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.knapsacks import KnapsackSearch
 from packit_sim.parts.nesting.pose_kernels import box_of
 from packit_sim.parts.nesting.problem import Problem, boxes_of
@@ -41,6 +42,7 @@ from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.packings.rotation_sets import matrices
 
 _log = plain_logger("packit_sim.parts.nesting")
 
@@ -50,6 +52,9 @@ SEARCHES: dict[str, Callable[[SearchTask, int], NestSearch]] = {
     "bins": BinsSearch,
 }
 """The search for each objective."""
+
+ROOM = 0.95
+"""Share of the container's sides that items may have on a grid, which need not reach the walls."""
 
 MOST_CLEARANCE = 4
 """Largest clearance, in longest sides of the median item: fields grow with its third power."""
@@ -186,13 +191,13 @@ def nest(
     gap = clearance and clearance + validity.tolerance(max(units), math.inf)
     searched = tuple(map(in_search_frame, types))
     shares_fields = settings.iterations is None
+    all_types = (*searched, *empty.container.obstacles)
+    by_cells = _suit_cells(all_types, containers, settings.search)
+    has_fields = not by_cells or objective != "strip"
     problems = Problems(
-        (*searched, *empty.container.obstacles),
-        min(units),
-        gap,
-        shares_fields,
-        settings.search,
+        all_types, min(units), gap, shares_fields, settings.search, by_cells, has_fields
     )
+    kind = SEARCHES[objective] if has_fields else CellStripSearch
     task = _task(empty, containers, settings.search)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
@@ -209,7 +214,7 @@ def nest(
     best: Packing | None = None
     with search_workers(settings.workers, settings.backend, settings.address) as workers:
         seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
-        searches = [SEARCHES[objective](task, int(each)) for each in seeds]
+        searches = [kind(task, int(each)) for each in seeds]
         before = now() - began
         stop = settings.stop or threading.Event()
         limits = Limits(time - before, settings.iterations, stop, settings.clock)
@@ -225,6 +230,17 @@ def nest(
     if best is None:
         raise NestingError(f"no valid packing was found in {time:g} s: allow more time")
     return best
+
+
+def _suit_cells(
+    types: Sequence[ItemType], containers: Sequence[BoxContainer], settings: SearchSettings
+) -> bool:
+    """Return whether there are too many types for fields, and all fit on a grid of cells."""
+    if count_fields(types) <= settings.most_fields:
+        return False
+    most = ROOM * np.array([each.size for each in containers])
+    sides = ((np.ptp(t.vertices @ m.T, axis=0) for m in matrices(t.rotations)) for t in types)
+    return all(any((side <= most).all(axis=1).any() for side in each) for each in sides)
 
 
 def _containers(given: Any) -> tuple[BoxContainer, ...]:

@@ -29,7 +29,7 @@ def random(state):
     return float(z >> np.uint64(11)) / 9007199254740992.0  # 53 bits: all that a float64 holds
 
 
-@inner_kernel
+@kernel
 def put(lookup, state, i, o, p):
     """Set the pose of an item: a rotation's number and a place (3,)."""
     a = state.types[i]

@@ -184,6 +184,11 @@ class Problem(NamedTuple):
     ----------
     lookup : Lookup
         The fields.
+    by_cells : bool
+        True for so many types that boxes are filled with items as cells (see `cells`).
+    has_fields : bool
+        False for a strip of so many types: then items are also moved apart as cells, and no fields
+        and signed distances are computed.
     refined : bool
         True if the surfaces compute the nodes of fields near contact; else points decide (see
         `Distances`). A search may switch this off for a while.
@@ -202,6 +207,8 @@ class Problem(NamedTuple):
     """
 
     lookup: Lookup
+    by_cells: bool
+    has_fields: bool
     refined: bool
     relative_turns: Any
     allowed: Any

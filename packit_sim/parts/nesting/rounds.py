@@ -42,6 +42,10 @@ class Problems:
         them: each node is computed once, but the result of one thread depends on the others.
     settings : SearchSettings
         The resolution of the fields, among others.
+    by_cells : bool
+        True to fill boxes with items as cells.
+    has_fields : bool
+        False for a problem without fields.
     """
 
     def __init__(
@@ -51,11 +55,13 @@ class Problems:
         clearance: float,
         shares_fields: bool = False,
         settings: SearchSettings = DEFAULT_SETTINGS,
+        by_cells: bool = False,
+        has_fields: bool = True,
     ) -> None:
         self.shares_fields = shares_fields and not is_checking()  # others would change its nodes
-        self._arguments = types, unit, clearance, settings
+        self._arguments = types, unit, clearance, settings, by_cells, has_fields
         parts = [(each.digest, each.rotations) for each in types]
-        key = parts, unit, clearance, self.shares_fields, settings
+        key = parts, unit, clearance, self.shares_fields, settings, by_cells, has_fields
         self._digest = hashlib.sha256(repr(key).encode()).hexdigest()
 
     def __eq__(self, other: object) -> bool:

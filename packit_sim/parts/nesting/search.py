@@ -3,13 +3,48 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Ints
 from packit_sim.parts.nesting.problem import Problem
-from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
+
+
+class Attempt(Protocol):
+    """An attempt to move overlapping items apart (see `Separation`).
+
+    Attributes
+    ----------
+    least : Poses
+        The poses of least overlap so far.
+    """
+
+    least: Poses
+
+    def advance(
+        self,
+        problem: Problem,
+        rng: npt.NDArray[np.uint64],
+        budget: SearchBudget,
+        is_precise: bool,
+    ) -> bool | None:
+        """Continue until the items are apart, the attempt gives up, or the budget is spent.
+
+        Parameters
+        ----------
+        rng : ndarray of uint64, shape (1,)
+            The state of the kernels' generator.
+        is_precise : bool
+            True to let the surfaces compute the nodes of fields even while much overlaps.
+
+        Returns
+        -------
+        bool or None
+            True if `least` has no conflict, False after giving up, None if the budget is spent.
+        """
 
 
 class NestSearch(ABC):
@@ -47,7 +82,7 @@ class NestSearch(ABC):
         self._choices = np.random.default_rng(seed)
         self._is_begun = False
         self._budget: SearchBudget | None = None  # of the round that runs
-        self._attempt: Separation | None = None
+        self._attempt: Attempt | None = None
         self._levels = [np.arange(task.count) if order is None else order]
         fewest = 2 * task.settings.first_items
         while order is not None and task.start is None and len(self._levels[0]) >= fewest:
@@ -134,9 +169,9 @@ class NestSearch(ABC):
         """Return a first solution."""
 
     @abstractmethod
-    def _begun(self, problem: Problem, best: Solution) -> Separation:
+    def _begun(self, problem: Problem, best: Solution) -> Attempt:
         """Return the next attempt: poses that overlap, in less space or with more value."""
 
     @abstractmethod
-    def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
+    def _end(self, problem: Problem, best: Solution, attempt: Attempt, is_apart: bool) -> None:
         """Keep the result of an attempt if it is better, or adapt to the failure."""

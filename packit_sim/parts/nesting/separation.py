@@ -80,20 +80,7 @@ class Separation:
         budget: SearchBudget,
         is_precise: bool,
     ) -> bool | None:
-        """Continue until the items are apart, the attempt gives up, or the budget is spent.
-
-        Parameters
-        ----------
-        rng : ndarray of uint64, shape (1,)
-            The state of the kernels' generator.
-        is_precise : bool
-            True to let the surfaces compute the nodes of fields even while much overlaps.
-
-        Returns
-        -------
-        bool or None
-            True if `least` has no conflict, False after giving up, None if the budget is spent.
-        """
+        """Continue as `search.Attempt.advance` says."""
         settings = self._task.settings
         check = StateCheck(problem, self._state) if is_checking() else None
         exact = problem

@@ -20,6 +20,9 @@ class SearchSettings:
         surfaces compute nodes than where fields only choose among samples.
     max_field_values, max_fields : int
         Memory for fields: nodes of two bytes, and fields. When either is full, all are dropped.
+    most_fields : int
+        Fields of all pairs of types up to which a strip is searched with fields; with more, items
+        are placed and moved apart as cells (see `cells`).
     max_refined_fields : int
         Fields of a problem up to which the surfaces compute nodes; with more, a node is hardly
         ever used twice.
@@ -36,6 +39,26 @@ class SearchSettings:
     hollow : float
         Share of the convex hull below which the volume makes a detailed item hollow. Simple items
         never are: their search would take fewer samples, and the literature's strips got higher.
+    finest_cells : int
+        Most cells along the longest side of an item of median size, where items are cells.
+    most_cells : float
+        Most cells of a box, times the root of the number of items.
+    constructing : float
+        Share of the search in which strips of cells are constructed in further orders.
+    cell_samples : tuple of int
+        Samples of a move on the grid of cells, near the item and in the whole box.
+    cell_patience : int
+        Passes without a gain after which a separation of cells gives up.
+    cell_failures : int
+        Separations of cells without a gain after which cells become smaller.
+    smaller_cells : float
+        Factor of their side then.
+    settling_steps : tuple of float
+        First and last step of an item that settles, in cells.
+    settling_tries : int
+        Steps aside that it tries for each straight one.
+    settling_sweeps : int
+        Most sweeps over all items.
     construction_samples : int
         Samples for each item of a construction.
     construction_seconds : float
@@ -109,6 +132,7 @@ class SearchSettings:
     rough_voxels: int = 8
     max_field_values: int = 200_000_000
     max_fields: int = 200_000
+    most_fields: int = 15_000
     max_refined_fields: int = 3000
     simple_triangles: int = 200
     refined_work: int = 50_000
@@ -116,6 +140,16 @@ class SearchSettings:
     distance_margin: float = 3.0
     surface_points: int = 128
     hollow: float = 0.6
+    finest_cells: int = 44
+    most_cells: float = 150_000
+    constructing: float = 0.35
+    cell_samples: tuple[int, int] = (15, 15)
+    cell_patience: int = 150
+    cell_failures: int = 3
+    smaller_cells: float = 0.6
+    settling_steps: tuple[float, float] = (1.0, 0.04)
+    settling_tries: int = 4
+    settling_sweeps: int = 3
     construction_samples: int = 150
     construction_seconds: float = 5.0
     samples: int = 90

@@ -9,7 +9,7 @@ import numpy as np
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.nesting.filling import constructed, filled, least_heights, with_random_poses
 from packit_sim.parts.nesting.problem import Problem, boxes_of
-from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchTask, Solution
 
@@ -72,7 +72,7 @@ class StripSearch(NestSearch):
             attempt.swap(int(i), int(j))
         return attempt
 
-    def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
+    def _end(self, problem: Problem, best: Solution, attempt: Attempt, is_apart: bool) -> None:
         settings = self._task.settings
         if is_apart:
             if self._failed is None:

@@ -16,8 +16,8 @@ BIAS = 0.45
 """Cells by which the distance to touched cells is on average less than that to the surface."""
 
 
-def voxelized(triangles: Floats, voxel: float) -> Any:
-    """Return the voxels of a solid.
+def voxelized(triangles: Floats, voxel: float, grow: float = 0.0) -> Any:
+    """Return the voxels of a solid, which may be grown.
 
     Parameters
     ----------
@@ -25,14 +25,45 @@ def voxelized(triangles: Floats, voxel: float) -> Any:
         The corners of its surface.
     voxel : float
         The side of the voxels, which lie symmetrically around the origin.
+    grow : float
+        Length by which the surface is grown along each axis.
 
     Returns
     -------
     ndarray of uint8, shape (x, y, z)
         1 for the voxels that the surface touches or encloses.
     """
-    touched, inner = _cells(triangles, voxel)
+    touched, inner = _cells(triangles, voxel, grow)
     return np.ascontiguousarray(touched | inner).view(np.uint8)
+
+
+def placed_voxels(triangles: Floats, voxel: float, grow: float) -> tuple[Ints, Any]:
+    """Return the voxels of a solid in the grid whose voxel (0, 0, 0) begins at the origin.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (n, 3, 3)
+        The corners of its surface.
+    voxel : float
+        The side of the voxels.
+    grow : float
+        Length by which the surface is grown along each axis.
+
+    Returns
+    -------
+    ndarray of int64, shape (3,)
+        The numbers of the lowest voxels.
+    ndarray of uint8, shape (x, y, z)
+        1 for the voxels from there on that the surface touches or encloses.
+    """
+    corners = triangles.reshape(-1, 3)
+    low = np.floor((corners.min(axis=0) - grow) / voxel).astype(np.int64) - 1
+    high = np.ceil((corners.max(axis=0) + grow) / voxel).astype(np.int64) + 1
+    words = (high - low + FINE_PER_CELL - 1) // FINE_PER_CELL
+    centre = (low + words * FINE_PER_CELL / 2) * voxel
+    touched = touched_cells(triangles - centre, words, voxel * FINE_PER_CELL, grow + 1e-6 * voxel)
+    inner = ~reached_cells(touched) & ~touched
+    return low, np.ascontiguousarray(_unpacked(touched | inner)).view(np.uint8)
 
 
 def turned_voxels(triangles: Floats, turns: Floats, voxel: float) -> list[Any]:
@@ -143,25 +174,25 @@ def enclosed(triangles: Floats, voxel: float) -> tuple[Any, Floats]:
     return inner, low
 
 
-def _cells(triangles: Floats, voxel: float) -> tuple[Any, Any]:
+def _cells(triangles: Floats, voxel: float, grow: float = 0.0) -> tuple[Any, Any]:
     """Return the touched and the enclosed voxels (x, y, z) as booleans.
 
     Both are symmetric to the origin.
     """
-    touched, inner, low, count = _words(triangles, voxel)
+    touched, inner, low, count = _words(triangles, voxel, grow)
     first = np.round((-count * voxel / 2 - low) / voxel).astype(np.int64)
     a, b, c = (slice(n, n + m) for n, m in zip(first, count, strict=True))
     return _unpacked(touched)[a, b, c], _unpacked(inner)[a, b, c]
 
 
-def _words(triangles: Floats, voxel: float) -> tuple[Any, Any, Floats, Ints]:
+def _words(triangles: Floats, voxel: float, grow: float = 0.0) -> tuple[Any, Any, Floats, Ints]:
     """Return touched and enclosed voxels in words, their lowest corner, and how many are needed."""
-    reach = np.abs(triangles).max(axis=(0, 1))
+    reach = np.abs(triangles).max(axis=(0, 1)) + grow
     count = np.maximum(1, np.ceil(2 * reach / voxel - 1e-6)).astype(np.int64)
     words = (count + 2 + FINE_PER_CELL - 1) // FINE_PER_CELL
     total = words * FINE_PER_CELL
     shift = np.where((total - count) % 2, voxel / 2, 0.0)
-    touched = touched_cells(triangles + shift, words, voxel * FINE_PER_CELL, 1e-6 * voxel)
+    touched = touched_cells(triangles + shift, words, voxel * FINE_PER_CELL, grow + 1e-6 * voxel)
     inner = ~reached_cells(touched) & ~touched
     return touched, inner, -total * voxel / 2 - shift, count
 

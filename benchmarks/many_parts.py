@@ -1,0 +1,198 @@
+"""Measure strips of many different parts: density against seconds, memory and how both grow.
+
+    .venv/bin/python -m benchmarks.many_parts --parts 100 300 628 --seeds 1 2 3
+    .venv/bin/python -m benchmarks.many_parts --table
+
+The parts are shapes of `everyday`, drawn without repetition as long as there are enough, with a
+longest side of 20 to 60 mm. The base is a square whose side is the third root of their volume at a
+density of 0.35. Each search is a separate process with two workers and the seconds of `SECONDS`,
+and its packing is checked by the meshes. Each result is written to
+`benchmarks/results/many_parts.json` at once, and what has a result is not searched again. `--table`
+writes the table of `docs/benchmarks/nesting-many.md` and fits the exponents of growth.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common import (
+    RESULTS,
+    argument_parser,
+    machine,
+    markdown_table,
+    write_into_page,
+    write_json,
+)
+from packit_sim import ItemType, NestSettings, Packing, ShapeLibrary, nest
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "nesting-many.md"
+
+BLOCK = "many parts"
+"""Between these comments the page has the table."""
+
+FILE = "many_parts.json"
+
+SECONDS = {25: 60, 50: 60, 100: 60, 300: 120, 628: 300, 1000: 300}
+"""The time for each number of parts."""
+
+LONGEST = 20.0, 60.0
+"""The least and the largest longest side of a part, in mm."""
+
+DENSITY = 0.35
+"""The density at which the strip is a cube."""
+
+CLEARANCE = 0.01
+"""The clearance of `--clearance`, as a share of the base's side."""
+
+
+def parts(count: int, seed: int) -> tuple[list[ItemType], float]:
+    """Return different parts, and the side of their base."""
+    library = ShapeLibrary.open("everyday")
+    names = sorted(library)
+    rng = np.random.default_rng(seed)
+    rng.shuffle(names)
+    types = []
+    for n in range(count):
+        name = names[n % len(names)]
+        mesh = library[name].mesh
+        scale = float(rng.uniform(*LONGEST)) / float(max(mesh.extents))
+        types.append(ItemType(f"{n} {name}".replace("/", "_"), mesh.vertices * scale, mesh.faces))
+    return types, (sum(each.volume for each in types) / DENSITY) ** (1 / 3)
+
+
+def search(count: int, seed: int, has_clearance: bool) -> dict[str, Any]:
+    """Pack one set of parts; return the history of densities, memory and problems."""
+    types, side = parts(count, seed)
+    volume = sum(each.volume for each in types)
+    history: list[tuple[float, float]] = []
+    started = time.perf_counter()
+
+    def note(packing: Packing, _: float) -> None:
+        density = volume / (side * side * packing.height)
+        history.append((round(time.perf_counter() - started, 1), round(density, 4)))
+
+    packing = nest(
+        types,
+        (side, side, math.inf),
+        time=SECONDS[count],
+        clearance=CLEARANCE * side if has_clearance else 0.0,
+        callback=note,
+        settings=NestSettings(workers=2),
+    )
+    seconds = round(time.perf_counter() - started, 1)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return {
+        "history": history,
+        "seconds": seconds,
+        "memory": memory,
+        "problems": packing.problems(),
+    }
+
+
+def measure(count: int, seed: int, has_clearance: bool) -> dict[str, Any]:
+    """Run a search in a new process, since memory is that of a process."""
+    options = ["--one", str(count), str(seed)] + ["--clearance"] * has_clearance
+    command = [sys.executable, "-m", "benchmarks.many_parts", *options]
+    result = subprocess.run(command, check=True, capture_output=True, text=True)
+    found: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
+    return found
+
+
+def table(runs: Mapping[str, Mapping[str, Any]]) -> str:
+    """Tabulate the runs in Markdown, and the exponents with which time and memory grow."""
+    rows = []
+    groups: dict[tuple[int, bool], list[Mapping[str, Any]]] = {}
+    for run in runs.values():
+        groups.setdefault((run["parts"], run["clearance"]), []).append(run)
+    for (count, has_clearance), own in sorted(groups.items()):
+        first = [run["history"][0] for run in own]
+        last = [run["history"][-1][1] for run in own]
+        rows.append(
+            (
+                f"{count:,}",
+                "1% of the base" if has_clearance else "none",
+                len(own),
+                _spread([seconds for seconds, _ in first], ".1f"),
+                _spread([density for _, density in first], ".3f"),
+                SECONDS[count],
+                _spread(last, ".3f"),
+                f"{max(run['memory'] for run in own) / 2**30:.1f}",
+                sum(len(run["problems"]) for run in own),
+            )
+        )
+    head = (
+        "parts",
+        "clearance",
+        "sets",
+        "first after, s",
+        "its density",
+        "time, s",
+        "density at the end",
+        "GiB",
+        "problems",
+    )
+    return markdown_table(head, rows) + "\n" + _growth(groups)
+
+
+def _spread(values: list[float], form: str) -> str:
+    mean, least, most = np.mean(values), min(values), max(values)
+    return (
+        f"{mean:{form}} ({least:{form}} to {most:{form}})" if len(values) > 1 else f"{mean:{form}}"
+    )
+
+
+def _growth(groups: Mapping[tuple[int, bool], list[Mapping[str, Any]]]) -> str:
+    """Return the sentence with the exponents, fitted over all numbers of parts."""
+    own = {count: runs for (count, has_clearance), runs in groups.items() if not has_clearance}
+    if len(own) < 2:
+        return ""
+    counts = np.log(sorted(own))
+    firsts = [np.mean([run["history"][0][0] for run in own[n]]) for n in sorted(own)]
+    memory = [np.mean([run["memory"] for run in own[n]]) for n in sorted(own)]
+    powers = [float(np.polyfit(counts, np.log(values), 1)[0]) for values in (firsts, memory)]
+    return (
+        "\nThe time to the first packing grows as the number of parts to the power of "
+        f"{powers[0]:.2f}, memory as {powers[1]:.2f}.\n"
+    )
+
+
+def main() -> None:
+    parser = argument_parser(__doc__)
+    parser.add_argument("--parts", nargs="+", type=int, choices=SECONDS, default=[])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1])
+    parser.add_argument("--clearance", action="store_true", help="of 1% of the base's side")
+    parser.add_argument("--one", nargs=2, type=int, help="print one search: parts and seed")
+    parser.add_argument("--table", action="store_true", help="write the table into the page")
+    arguments = parser.parse_args()
+    if arguments.one:
+        count, seed = arguments.one
+        print(json.dumps(search(count, seed, arguments.clearance)))
+        return
+    file = arguments.out / FILE
+    runs = json.loads(file.read_text())["runs"] if file.exists() else {}
+    for count in arguments.parts:
+        for seed in arguments.seeds:
+            name = f"{count} parts, seed {seed}" + ", clearance" * arguments.clearance
+            if name in runs:
+                continue
+            found = measure(count, seed, arguments.clearance)
+            runs[name] = {"parts": count, "seed": seed, "clearance": arguments.clearance, **found}
+            print(name, found["history"][0], found["history"][-1], flush=True)
+            head = {"command": "python -m benchmarks.many_parts", "machine": machine()}
+            write_json(file, {**head, "runs": runs})
+    if arguments.table and arguments.out == RESULTS:
+        write_into_page(PAGE, table(runs), BLOCK)
+
+
+if __name__ == "__main__":
+    main()

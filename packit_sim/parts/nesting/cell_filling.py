@@ -1,0 +1,147 @@
+"""Filling of boxes with items as cells: each goes to the lowest place of all in a grid.
+
+Algorithm: greedy construction by lowest tops, a relative of bottom-left-back fill, over all
+positions of a fine grid and all rotations at once (`placement_kernels`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.parts.nesting.cells import Space, cells_of
+from packit_sim.parts.nesting.conflict_kernels import load
+from packit_sim.parts.nesting.pose_kernels import box_of, put
+from packit_sim.parts.nesting.problem import Problem, State, boxes_of
+from packit_sim.parts.nesting.settling_kernels import settle
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
+
+DENSITY = 0.33
+"""Density by which the height of a strip is estimated, for the side of its cells."""
+
+AT_ONCE = 32
+"""Items that settle between two looks at the clock."""
+
+ENOUGH = 0.02
+"""Cells by which an item goes down on average in a sweep, if another one follows."""
+
+
+def cell_side(problem: Problem, task: SearchTask) -> float:
+    """Return the side of cells: a share of an item's, or larger if a box had too many cells."""
+    settings = task.settings
+    longest = 2 * problem.reach[task.numbers[: task.count]]
+    volume = min(float(task.volumes.sum()) / DENSITY, float(np.prod(task.size)))
+    most = settings.most_cells * task.count**0.5
+    return max(float(np.median(longest)) / settings.finest_cells, (volume / most) ** (1 / 3))
+
+
+def fill_cells(
+    problem: Problem,
+    state: State,
+    boxes: Floats,
+    order: Ints,
+    side: float,
+    budget: SearchBudget | None = None,
+) -> None:
+    """Put in as many more items as fit, in one box after the other, without moving any.
+
+    Parameters
+    ----------
+    state : State
+        Poses of all items, without conflicts; changed.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+    order : ndarray of int64
+        The items to try, in this order; those inside are skipped.
+    side : float
+        The side of cells.
+    budget : SearchBudget, optional
+        When it is late, no further items are tried, after the first.
+    """
+    cells = cells_of(problem, side)
+    for k, box in enumerate(boxes):
+        left = order[state.inside[order] == 0].tolist()
+        if not left:
+            return
+        space = Space(cells, box)
+        for i in np.flatnonzero(state.inside).tolist():
+            if box_of(boxes, state.places[i, 0]) == k:
+                space.put_surface(_placed(problem, state, i), problem.lookup.clearance / 2)
+        for n, i in enumerate(left):
+            if budget is not None and n > 0 and budget.is_late:
+                return
+            a = state.types[i]
+            found = space.lowest(a, problem.allowed[a, : problem.allowed_counts[a]])
+            if found is not None:
+                space.put(a, *found)
+                put(problem.lookup, state, i, *found)
+
+
+def _placed(problem: Problem, state: State, i: int) -> Floats:
+    """Return the triangles (n, 3, 3) of an item at its place."""
+    starts = problem.surfaces.triangle_starts
+    own = problem.surfaces.other[starts[state.types[i]] : starts[state.types[i] + 1]]
+    placed: Floats = own @ problem.lookup.turns[state.turned[i]].T + state.places[i]
+    return placed
+
+
+def filled_cells(
+    problem: Problem, task: SearchTask, order: Ints, side: float, budget: SearchBudget
+) -> Poses:
+    """Fill an empty box (see `fill_cells`).
+
+    Parameters
+    ----------
+    order : ndarray of int64
+        The items, in this order.
+    side : float
+        The side of cells.
+    budget : SearchBudget
+        When it is late, no further items are tried, after the first.
+
+    Returns
+    -------
+    Poses
+        The poses; items for which there is no place or no time are not inside.
+    """
+    poses, boxes = task.unplaced, boxes_of([task.size])
+    state = task.state()
+    state.inside[:] = poses.inside
+    load(problem, state, poses.turned, poses.places, boxes, False)
+    fill_cells(problem, state, boxes, order, side, budget)
+    return Poses.of(state)
+
+
+def settle_all(
+    problem: Problem,
+    task: SearchTask,
+    state: State,
+    rng: npt.NDArray[np.uint64],
+    budget: SearchBudget | None = None,
+) -> None:
+    """Lower all items until that gains little.
+
+    Parameters
+    ----------
+    state : State
+        Poses of all items, without conflicts; changed.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
+    budget : SearchBudget, optional
+        When it is late, the other items stay where they are.
+    """
+    settings = task.settings
+    side, boxes = cell_side(problem, task), boxes_of([task.size])
+    first, last = (step * side for step in settings.settling_steps)
+    for _ in range(settings.settling_sweeps):
+        inside = np.flatnonzero(state.inside[: task.count])
+        order = inside[np.argsort(state.bounds[inside, 2], kind="stable")]
+        way = 0.0
+        for start in range(0, len(order), AT_ONCE):
+            if budget is not None and budget.is_late:
+                return
+            some = order[start : start + AT_ONCE]
+            way += settle(problem, state, boxes, some, first, last, settings.settling_tries, rng)
+        if way < ENOUGH * side * len(order):
+            return

@@ -1,0 +1,120 @@
+"""Kernels that lower items by steps that the surfaces allow, and count conflicts.
+
+Settling takes out the space that a grid of cells leaves: items go down by steps, straight or also
+aside, each of which `in_conflict` finds free at its end. A step may pass through others: a packing
+is what counts, not the way to it. Steps shrink until they gain nothing. The method is our own.
+
+Invariant: items that are free of conflicts stay so; none gets higher.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.parts.nesting.cost_kernels import is_apart, offset
+from packit_sim.parts.nesting.overlap_kernels import in_conflict
+from packit_sim.parts.nesting.pose_kernels import apart, clamp, put, random
+
+LEAST = 0.2
+"""Share of the last step by which a step must be lower: at the floor nothing is tried."""
+
+
+@kernel
+def settle(problem, state, boxes, order, first, last, tries, rng):
+    """Lower items one after the other, by steps that are free.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    state : State
+        Poses of all items, without conflicts; changed.
+    boxes : ndarray
+        (b, 4) float64, the boxes (see `boxes_of`).
+    order : ndarray
+        (n,) int64, the items, the lowest first.
+    first, last : float
+        The first steps, and those after which an item stays.
+    tries : int
+        Steps that also go aside, after the straight one.
+    rng : ndarray
+        (1,) uint64, the state of the generator.
+
+    Returns
+    -------
+    float
+        How far they went down in total.
+    """
+    lookup = problem.lookup
+    p = np.empty(3)
+    total = 0.0
+    for i in order:
+        a, o = state.types[i], state.turned[i]
+        place = state.places[i].copy()
+        start = place[2]
+        step = first
+        blocking = -1
+        while step > last:
+            is_lower = False
+            for n in range(1 + tries):
+                p[:] = place
+                p[2] -= step
+                if n > 0:
+                    angle = 2 * np.pi * random(rng)
+                    way = 2 * step * random(rng)
+                    p[0] += way * np.cos(angle)
+                    p[1] += way * np.sin(angle)
+                if not clamp(lookup, a, o, p, boxes) or p[2] > place[2] - LEAST * last:
+                    continue
+                found = _blocking(problem, state, i, o, p, blocking)
+                if found < 0:
+                    place[:] = p
+                    is_lower = True
+                    break
+                blocking = found
+            if not is_lower:
+                step *= 0.5
+        if place[2] < start:
+            total += start - place[2]
+            put(lookup, state, i, o, place)
+    return total
+
+
+@inner_kernel
+def _blocking(problem, state, i, o, p, first_tried):
+    """Return an item that an item at a pose is in conflict with, or -1; one may be tried first."""
+    lookup = problem.lookup
+    box = lookup.boxes[state.types[i], o]
+    lx, ly, lz = p[0] + box[0], p[1] + box[1], p[2] + box[2]
+    hx, hy, hz = p[0] + box[3], p[1] + box[4], p[2] + box[5]
+    for n in range(-1, len(state.types)):
+        j = first_tried if n < 0 else n
+        if j < 0 or n == first_tried or is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
+            continue
+        first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
+        if in_conflict(problem, first, other, rel, sx, sy, sz, True):
+            return j
+    return -1
+
+
+@kernel
+def count_conflicts(problem, state):
+    """Return the number of pairs of items inside that are in conflict."""
+    found = 0
+    for i in range(state.movable):
+        for j in range(len(state.types)):
+            if j >= i and j < state.movable:  # each pair once
+                continue
+            if state.inside[i] and state.inside[j] and not apart(state, i, j):
+                found += are_in_conflict(problem, state, i, j)
+    return found
+
+
+@inner_kernel
+def are_in_conflict(problem, state, i, j):
+    """Return whether two items are in conflict where they are."""
+    first, other, rel, sx, sy, sz = offset(
+        problem.lookup, state, i, state.turned[i], state.places[i], j
+    )
+    return in_conflict(problem, first, other, rel, sx, sy, sz, True)

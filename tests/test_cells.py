@@ -1,0 +1,245 @@
+"""Items as cells: places are the lowest of all, shared cells are counted, packings are valid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from trimesh import creation
+
+from packit_sim import BoxContainer, ItemType, NestSettings, nest
+from packit_sim.parts.nesting.build import build, count_fields
+from packit_sim.parts.nesting.cell_separation_kernels import CellState, put_on_grid
+from packit_sim.parts.nesting.cell_strips import CellStripSearch
+from packit_sim.parts.nesting.cells import Cells, Space, cells_of
+from packit_sim.parts.nesting.placement_kernels import SIDES, cover, inner_cubes, update_windows
+from packit_sim.parts.nesting.problem import Problem, boxes_of, state_of
+from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS
+from packit_sim.parts.nesting.voxel_sets import placed_voxels, voxelized
+
+SIDE = 0.21
+"""The side of cells, which no size of an item is a multiple of."""
+
+BY_CELLS = replace(DEFAULT_SETTINGS, most_fields=0, cell_patience=20)
+
+
+def shapes(count: int, rotations: str = "cube") -> list[ItemType]:
+    """Return different rings, cones and plates."""
+    rng = np.random.default_rng(1)
+    found = []
+    for n in range(count):
+        a, b, c = rng.uniform(0.6, 1.6, 3)
+        if n % 3 == 0:
+            mesh = creation.annulus(r_min=0.6 * a, r_max=a, height=b, sections=12)
+        elif n % 3 == 1:
+            mesh = creation.cone(radius=a, height=2 * b, sections=10)
+        else:
+            mesh = creation.box((2 * a, b, 0.3 * c))
+        found.append(ItemType(f"item {n}", mesh.vertices, mesh.faces, rotations=rotations))
+    return found
+
+
+def solid(cells: Cells, t: int, o: int) -> Any:
+    """Return the cells of a type in a rotation, from its words."""
+    start, _, plane, words, x, y, z = cells.forms[t, o]
+    planes = cells.bits[start : start + words * plane].reshape(words, x, y)
+    octets = np.ascontiguousarray(planes.transpose(1, 2, 0)).astype("<u8").view(np.uint8)
+    return np.unpackbits(octets, axis=2, bitorder="little")[:, :, :z].astype(bool)
+
+
+def lowest_by_trial(taken: Any, own: Any) -> int | None:
+    """Return the lowest top of an item in a grid, by trying every position."""
+    x, y, z = own.shape
+    for k in range(taken.shape[2] - z + 1):
+        for i in range(taken.shape[0] - x + 1):
+            for j in range(taken.shape[1] - y + 1):
+                if not (taken[i : i + x, j : j + y, k : k + z] & own).any():
+                    return k + z
+    return None
+
+
+@pytest.mark.parametrize("rotations", ["cube", "axis-6"])
+def test_items_go_to_the_lowest_of_all_places(rotations: str) -> None:
+    types = shapes(9, rotations)
+    problem = build(types, 4.4, 0.0, by_cells=True, has_fields=False)
+    cells = cells_of(problem, SIDE)
+    space = Space(cells, boxes_of([(4.4, 4.0, math.inf)])[0])
+    taken = np.zeros((20, 19, 120), bool)
+    tops = []
+    for t in range(len(types)):
+        turns = problem.allowed[t, : problem.allowed_counts[t]]
+        least = min(lowest_by_trial(taken, solid(cells, t, o)) or 10**6 for o in turns)
+        o, place = space.lowest(t, turns) or (0, np.zeros(3))
+        own = solid(cells, t, o)
+        i, j, k = np.round(place / SIDE - np.array(own.shape) / 2).astype(int)
+        x, y, z = own.shape
+        assert k + z == least
+        assert not (taken[i : i + x, j : j + y, k : k + z] & own).any()
+        taken[i : i + x, j : j + y, k : k + z] |= own
+        space.put(t, o, place)
+        tops.append(k + z)
+    assert max(tops) > 16  # longer than any window
+
+
+def test_there_is_no_place_in_a_low_box_and_in_a_full_one() -> None:
+    problem = build(shapes(3), 4.4, 0.0, by_cells=True, has_fields=False)
+    cells = cells_of(problem, SIDE)
+    turns = problem.allowed[0, : problem.allowed_counts[0]]
+    assert Space(cells, boxes_of([(4.4, 4.4, 0.5)])[0]).lowest(0, turns) is None
+    space = Space(cells, boxes_of([(4.4, 4.4, 4.4)])[0])
+    assert space.lowest(0, turns) is not None
+    full = creation.box((4.4, 4.4, 4.4)).apply_translation((2.2, 2.2, 2.2)).triangles
+    space.put_surface(np.asarray(full), 0.0)
+    assert space.lowest(0, turns) is None
+
+
+def test_windows_hold_whether_any_cell_is_taken() -> None:
+    rng = np.random.default_rng(0)
+    taken = rng.random((30, 26, 600)) < 0.004
+    windows = np.zeros((8, 4, 3, 30, 26), np.uint64)
+    for i, j, k in np.argwhere(taken):
+        windows[0, k % 4, k // 256, i, j] |= np.uint64(1) << np.uint64(k // 4 % 64)
+    update_windows(windows, 0, 0, 30, 26)
+    padded = np.pad(taken, ((0, 16), (0, 16), (0, 256)))
+    for number, side in enumerate(SIDES):
+        for i, j, k in rng.integers((30, 26, 600), size=(300, 3)):
+            word = windows[number, k % 4, k // 256, i, j]
+            found = bool(word >> np.uint64(k // 4 % 64) & np.uint64(1))
+            assert found == padded[i : i + side, j : j + side, k : k + side].any()
+
+
+@pytest.mark.parametrize("kind", range(3))
+def test_cubes_cover_a_solid_and_lie_in_it(kind: int) -> None:
+    each = shapes(3)[kind]
+    own = voxelized(each.vertices[each.faces] - (each.low + each.high) / 2, 0.05)
+    covered = np.zeros(own.shape, int)
+    for i, j, k, side in cover(own):
+        covered[i : i + side, j : j + side, k : k + side] += 1
+    assert np.array_equal(covered, own)
+    large = inner_cubes(own, 30)
+    assert (large[:-1, 3] >= large[1:, 3]).all() and len(large) > 3
+    for i, j, k, side in large:
+        assert own[i : i + side, j : j + side, k : k + side].all()
+
+
+def test_a_solid_at_a_place_has_the_cells_that_it_touches() -> None:
+    triangles = np.asarray(creation.box((1, 1, 1)).apply_translation((0.55, 2.5, -0.5)).triangles)
+    low, own = placed_voxels(triangles, 0.25, 0.0)
+    x = low[0] + np.nonzero(own)[0]
+    assert (x.min(), x.max()) == (0, 4)  # from 0.05 to 1.05
+    low, grown = placed_voxels(triangles, 0.25, 0.3)
+    y = low[1] + np.nonzero(grown)[1]
+    assert (y.min(), y.max()) == (6, 13)  # from 1.7 to 3.3
+
+
+def grid_of(problem: Problem, cells: Cells, places: Any) -> tuple[Any, CellState]:
+    n = len(places)
+    state = state_of(list(range(n)), n)
+    state.inside[:] = 1
+    matrix = np.zeros((n, n), np.float32)
+    grid = CellState(
+        np.zeros(3),
+        np.zeros((n, 6), np.int64),
+        matrix,
+        matrix.copy(),
+        np.ones((n, n), np.float32),
+        np.zeros(n, np.float32),
+        np.zeros(n, np.uint8),
+    )
+    put_on_grid(cells, state, grid, places, np.array([60, 60, 300]))
+    return state, grid
+
+
+def cut(cells: Any, low: Any, high: Any) -> Any:
+    (a, b, c), (d, e, f) = low, high
+    return cells[a:d, b:e, c:f]
+
+
+def test_shared_cells_are_counted() -> None:
+    problem = build(shapes(12), 12.0, 0.0, by_cells=True, has_fields=False)
+    rng = np.random.default_rng(3)
+    places = rng.uniform(2, (6, 6, 40), (12, 3))
+    places[:, 2] = places[:, 2] % 5 + 20 * (np.arange(12) % 2)
+    for side in (0.2, 0.019):  # items of one word along z, and of several
+        cells = cells_of(problem, side)
+        state, grid = grid_of(problem, cells, places * (side / 0.2))
+        for i in range(12):
+            for j in range(i):
+                shared = 0
+                one, other = (solid(cells, t, state.turned[t]) for t in (i, j))
+                p, q = grid.bounds[i, :3], grid.bounds[j, :3]
+                low = np.maximum(p, q)
+                high = np.minimum(p + one.shape, q + other.shape)
+                if (low < high).all():
+                    shared = int(
+                        (cut(one, low - p, high - p) & cut(other, low - q, high - q)).sum()
+                    )
+                assert grid.shared[i, j] == grid.shared[j, i] == shared
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.08])
+def test_strips_of_many_types_are_valid_complete_and_improve(clearance: float) -> None:
+    types = shapes(36)
+    heights: list[float] = []
+    settings = NestSettings(workers=1, iterations=60, search=BY_CELLS)
+    packing = nest(
+        types,
+        (5.5, 5.0, math.inf),
+        clearance=clearance,
+        settings=settings,
+        callback=lambda better, _: heights.append(better.height),
+    )
+    assert packing.problems() == [] and not any(packing.left_out)
+    assert heights == sorted(heights, reverse=True)
+    assert heights[-1] < heights[0]
+    again = nest(types, (5.5, 5.0, math.inf), clearance=clearance, settings=settings)
+    assert again.height == packing.height
+
+
+def test_a_knapsack_of_many_types_is_valid_and_settles() -> None:
+    types = shapes(36)
+    settings = NestSettings(workers=1, iterations=1, search=BY_CELLS)
+    packing = nest(types, (5, 5, 4), "knapsack", settings=settings)
+    assert packing.problems() == [] and any(packing.left_out)
+    unsettled = replace(settings, search=replace(BY_CELLS, settling_sweeps=0))
+    assert packing.volume > nest(types, (5, 5, 4), "knapsack", settings=unsettled).volume
+
+
+def test_items_as_cells_keep_clear_of_obstacles_and_of_a_start() -> None:
+    types = shapes(18)
+    post = creation.box((1, 1, 30)).apply_translation((2.63, 2.57, 15))
+    container = BoxContainer(
+        (6.1, 6.1, math.inf), (ItemType("post", post.vertices, post.faces, rotations="fixed"),)
+    )
+    settings = NestSettings(workers=1, iterations=30, search=BY_CELLS)
+    packing = nest(types, container, settings=settings)
+    assert packing.problems() == [] and not any(packing.left_out)
+    later = nest(types, container, settings=replace(settings, start=packing))
+    assert later.problems() == []
+    assert later.height <= packing.height * (1 + 1e-9)
+
+
+def test_cells_are_for_strips_of_many_types_that_fit_on_a_grid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun = []
+    init = CellStripSearch.__init__
+
+    def note(self: CellStripSearch, *arguments: Any) -> None:
+        begun.append(self)
+        init(self, *arguments)
+
+    monkeypatch.setattr(CellStripSearch, "__init__", note)
+    few, settings = shapes(3), NestSettings(workers=1, iterations=1)
+    nest(few, (5, 5, math.inf), settings=settings)
+    assert count_fields(few) == 144 and not begun  # 6 pairs, 24 relative rotations
+    by_cells = replace(settings, search=BY_CELLS)
+    nest(few, (5, 5, math.inf), settings=by_cells)
+    assert len(begun) == 1
+    bar = creation.box((5, 0.5, 0.5))  # cells would not reach both walls
+    long = ItemType("bar", bar.vertices, bar.faces, rotations="fixed")
+    nest([*few, long], (5, 5, math.inf), settings=by_cells)
+    assert len(begun) == 1
