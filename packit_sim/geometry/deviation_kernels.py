@@ -60,8 +60,6 @@ def bound(triangles, surface, low, high, relative_slack, slack):
     ----------
     triangles : ndarray
         (n, 3, 3) float64.
-    surface : Surface
-        The surface.
     low : float
         Lower bound so far; all corners of the triangles are within it.
     high : float

@@ -101,8 +101,6 @@ def read_model(outline: Outline, content: bytes) -> Model3MF:
 
     Parameters
     ----------
-    outline : Outline
-        Its outline.
     content : bytes
         Its bytes.
 

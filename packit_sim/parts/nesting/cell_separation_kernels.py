@@ -293,8 +293,6 @@ def separate_cells(problem, cells, state, grid, size, passes, samples, weights, 
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     cells : Cells
         The cells of all types.
     state : State

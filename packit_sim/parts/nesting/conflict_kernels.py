@@ -37,8 +37,6 @@ def find_conflicts(problem, state, i, count):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     state : State
         Poses of all items; its margins are changed.
     i : int
@@ -75,8 +73,6 @@ def allow_contacts(problem, state):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     state : State
         Poses of all items, with overlaps; margins and overlaps are changed.
     """
@@ -120,8 +116,6 @@ def load(problem, state, turned, places, boxes, is_checked):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     state : State
         Poses of all items; changed.
     turned : ndarray

@@ -35,8 +35,6 @@ def construct(problem, state, order, box, samples, rng):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     state : State
         Poses of all items, those of the order taken out; changed.
     order : ndarray

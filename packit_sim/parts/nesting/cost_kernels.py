@@ -100,8 +100,6 @@ def fine_cost(problem, state, i, o, p, limit):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     state : State
         Poses of the other items; its `depths` get those of this item, its `slope` the gradient.
     i : int

@@ -34,8 +34,6 @@ def push_apart(problem, state, boxes):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     state : State
         Poses of all items, with overlaps; changed.
     boxes : ndarray

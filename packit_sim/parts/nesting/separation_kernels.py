@@ -251,8 +251,6 @@ def separate(problem, state, best, boxes, samples, passes, weights, rng):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     state : State
         Poses of all items, with overlaps that fit them; changed.
     best : State

@@ -26,8 +26,6 @@ def settle(problem, state, boxes, order, first, last, tries, rng):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     state : State
         Poses of all items, without conflicts; changed.
     boxes : ndarray

@@ -160,8 +160,6 @@ def problems(
 
     Parameters
     ----------
-    items : iterable of CheckedItem
-        The items.
     clearance : float
         The smallest distance that the surfaces of two items may have.
     obstacles : sequence of CheckedItem

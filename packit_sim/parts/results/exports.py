@@ -111,8 +111,6 @@ def write_result(
 
     Parameters
     ----------
-    folder : Path
-        The folder.
     earlier : mapping of str to str
         What `replaceable` has found. What has changed or appeared since is not replaced.
     progress : callable, optional

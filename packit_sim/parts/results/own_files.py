@@ -44,11 +44,6 @@ class _Recorded(Struct):
 def own_files(folder: Path) -> dict[str, str]:
     """Return SHA-256 of the files that the record in a folder lists and nobody has changed.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
     Returns
     -------
     dict of str to str
@@ -97,8 +92,6 @@ def replaceable(
     ----------
     folder : Path
         The folder for the packing.
-    task : PackTask
-        Its task.
     force : bool
         Whether files of others may be replaced, too.
     instructions : bool
