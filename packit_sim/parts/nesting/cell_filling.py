@@ -36,46 +36,56 @@ def cell_side(problem: Problem, task: SearchTask) -> float:
     return max(float(np.median(longest)) / settings.finest_cells, (volume / most) ** (1 / 3))
 
 
-def fill_cells(
+def filled_cells(
     problem: Problem,
-    state: State,
+    task: SearchTask,
+    poses: Poses,
     boxes: Floats,
     order: Ints,
-    side: float,
     budget: SearchBudget | None = None,
-) -> None:
+    side: float | None = None,
+) -> Poses:
     """Put in as many more items as fit, in one box after the other, without moving any.
 
     Parameters
     ----------
-    state : State
-        Poses of all items, without conflicts; changed.
+    poses : Poses
+        The items' poses, without conflicts.
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
     order : ndarray of int64
         The items to try, in this order; those inside are skipped.
-    side : float
-        The side of cells.
     budget : SearchBudget, optional
         When it is late, no further items are tried, after the first.
+    side : float, optional
+        The side of cells, if not `cell_side`.
+
+    Returns
+    -------
+    Poses
+        The poses; items for which there is no place or no time are not inside.
     """
-    cells = cells_of(problem, side)
+    cells = cells_of(problem, side or cell_side(problem, task))
+    state = task.state()
+    state.inside[:] = poses.inside
+    load(problem, state, poses.turned, poses.places, boxes, False)
     for k, box in enumerate(boxes):
         left = order[state.inside[order] == 0].tolist()
         if not left:
-            return
+            break
         space = Space(cells, box)
         for i in np.flatnonzero(state.inside).tolist():
             if box_of(boxes, state.places[i, 0]) == k:
                 space.put_surface(_placed(problem, state, i), problem.lookup.clearance / 2)
         for n, i in enumerate(left):
             if budget is not None and n > 0 and budget.is_late:
-                return
+                return Poses.of(state)
             a = state.types[i]
             found = space.lowest(a, problem.allowed[a, : problem.allowed_counts[a]])
             if found is not None:
                 space.put(a, *found)
                 put(problem.lookup, state, i, *found)
+    return Poses.of(state)
 
 
 def _placed(problem: Problem, state: State, i: int) -> Floats:
@@ -84,33 +94,6 @@ def _placed(problem: Problem, state: State, i: int) -> Floats:
     own = problem.surfaces.other[starts[state.types[i]] : starts[state.types[i] + 1]]
     placed: Floats = own @ problem.lookup.turns[state.turned[i]].T + state.places[i]
     return placed
-
-
-def filled_cells(
-    problem: Problem, task: SearchTask, order: Ints, side: float, budget: SearchBudget
-) -> Poses:
-    """Fill an empty box (see `fill_cells`).
-
-    Parameters
-    ----------
-    order : ndarray of int64
-        The items, in this order.
-    side : float
-        The side of cells.
-    budget : SearchBudget
-        When it is late, no further items are tried, after the first.
-
-    Returns
-    -------
-    Poses
-        The poses; items for which there is no place or no time are not inside.
-    """
-    poses, boxes = task.unplaced, boxes_of([task.size])
-    state = task.state()
-    state.inside[:] = poses.inside
-    load(problem, state, poses.turned, poses.places, boxes, False)
-    fill_cells(problem, state, boxes, order, side, budget)
-    return Poses.of(state)
 
 
 def settle_all(

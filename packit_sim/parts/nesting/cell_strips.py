@@ -79,7 +79,9 @@ class CellStripSearch(NestSearch):
             self._fill_side *= factor
             before = budget.progress
             order = self._order(problem, SHUFFLE)
-            poses = filled_cells(problem, task, order, self._fill_side, budget)
+            empty, boxes = task.unplaced, boxes_of([task.size])
+            side = self._fill_side
+            poses = filled_cells(problem, task, empty, boxes, order, budget, side)
             height = self._solution(problem, poses).score[0]
             if poses.inside.all() and height < self._least * (1 + NEAR):
                 self._least = min(self._least, height)

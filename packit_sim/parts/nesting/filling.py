@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.parts.nesting.cell_filling import cell_side, fill_cells
+from packit_sim.parts.nesting.cell_filling import filled_cells
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.construction_kernels import construct
 from packit_sim.parts.nesting.pose_kernels import take_out
@@ -64,6 +64,8 @@ def constructed(
     if task.start is not None:
         poses = repaired(problem, task, task.start, boxes)
     order = task.order if order is None else order
+    if problem.by_cells:
+        return filled_cells(problem, task, poses, boxes, order, budget)
     return filled(problem, task, poses, boxes, order, rng, budget)
 
 
@@ -97,9 +99,6 @@ def filled(
         The poses; items for which there is no place are not inside.
     """
     state = loaded(problem, task, poses, boxes)
-    if problem.by_cells:
-        fill_cells(problem, state, boxes, order, cell_side(problem, task), budget)
-        return Poses.of(state)
     for k in range(len(boxes)):
         left = order[state.inside[order] == 0]
         for first in range(0, len(left), AT_ONCE):

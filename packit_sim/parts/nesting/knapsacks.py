@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.parts.nesting.cell_filling import settle_all
+from packit_sim.parts.nesting.cell_filling import filled_cells, settle_all
 from packit_sim.parts.nesting.filling import (
     constructed,
     filled,
@@ -73,9 +73,9 @@ class KnapsackSearch(NestSearch):
             value = self._value(poses)
             state = loaded(problem, self._task, poses, self._boxes)
             settle_all(problem, self._task, state, self._rng, self._budget)
-            order, budget = self._task.order, self._budget
-            poses = filled(
-                problem, self._task, Poses.of(state), self._boxes, order, self._rng, budget
+            order = self._task.order
+            poses = filled_cells(
+                problem, self._task, Poses.of(state), self._boxes, order, self._budget
             )
         return poses
 

@@ -192,7 +192,7 @@ def nest(
     searched = tuple(map(in_search_frame, types))
     shares_fields = settings.iterations is None
     all_types = (*searched, *empty.container.obstacles)
-    by_cells = _suit_cells(all_types, containers, settings.search)
+    by_cells = objective != "bins" and _suit_cells(all_types, containers[0], settings.search)
     has_fields = not by_cells or objective != "strip"
     problems = Problems(
         all_types, min(units), gap, shares_fields, settings.search, by_cells, has_fields
@@ -233,14 +233,14 @@ def nest(
 
 
 def _suit_cells(
-    types: Sequence[ItemType], containers: Sequence[BoxContainer], settings: SearchSettings
+    types: Sequence[ItemType], container: BoxContainer, settings: SearchSettings
 ) -> bool:
     """Return whether there are too many types for fields, and all fit on a grid of cells."""
     if count_fields(types) <= settings.most_fields:
         return False
-    most = ROOM * np.array([each.size for each in containers])
+    most = ROOM * np.array(container.size)
     sides = ((np.ptp(t.vertices @ m.T, axis=0) for m in matrices(t.rotations)) for t in types)
-    return all(any((side <= most).all(axis=1).any() for side in each) for each in sides)
+    return all(any((side <= most).all() for side in each) for each in sides)
 
 
 def _containers(given: Any) -> tuple[BoxContainer, ...]:
