@@ -65,7 +65,7 @@ class CellSeparation:
         while self._idle < settings.cell_patience:
             if budget.is_spent:
                 return None
-            passes = budget.take(settings.passes_at_once)
+            passes = budget.take(1)  # of hundreds of items, one may take a second
             samples = settings.cell_samples
             overlap = separate_cells(
                 problem, cells, state, grid, size, passes, samples, weights, rng

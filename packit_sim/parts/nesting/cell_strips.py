@@ -29,6 +29,9 @@ FINER = 0.8
 COST = 4
 """Power of the number of cells along a side by which the time of a construction grows."""
 
+LEAST_SIDE = 0.3
+"""Share of the side that cells have at first below which they do not become smaller."""
+
 LEAST_GAIN = 5e-4
 """Share of the height by which a strip must be lower for cells of their side to be of use."""
 
@@ -104,7 +107,8 @@ class CellStripSearch(NestSearch):
             self._failures = 0
         elif self._failures == self._task.settings.cell_failures:
             self._failures = 0
-            self._side *= self._task.settings.smaller_cells
+            side = self._side * self._task.settings.smaller_cells
+            self._side = max(side, LEAST_SIDE * cell_side(problem, self._task))
 
     def _order(self, problem: Problem, shuffle: float) -> Ints:
         """Return the items, the large and thick ones first: they find no place later."""

@@ -77,12 +77,15 @@ class Cells(NamedTuple):
     signs: Any
 
 
+MOST_KNOWN = 4
+"""Grids whose cells are kept: two searches need one for filling and one for separating each."""
+
 _known: dict[tuple[int, float], Cells] = {}
 _lock = threading.Lock()
 
 
 def cells_of(problem: Problem, side: float) -> Cells:
-    """Return the cells of a problem's types, which are computed once for all threads.
+    """Return the cells of a problem's types, which all threads share and some grids keep.
 
     Parameters
     ----------
@@ -98,6 +101,8 @@ def cells_of(problem: Problem, side: float) -> Cells:
     key = id(corners), side
     with _lock:
         if key not in _known:
+            while len(_known) >= MOST_KNOWN:
+                del _known[next(iter(_known))]
             _known[key] = _computed(problem, side)
             weakref.finalize(corners, _known.pop, key, None)
         return _known[key]
