@@ -45,6 +45,9 @@ FILE = "many_parts.json"
 SECONDS = {25: 60, 50: 60, 100: 60, 300: 120, 628: 300, 1000: 300}
 """The time for each number of parts."""
 
+BY_CELLS = 50
+"""The fewest of these parts that are packed as cells."""
+
 LONGEST = 20.0, 60.0
 """The least and the largest longest side of a part, in mm."""
 
@@ -152,8 +155,12 @@ def _spread(values: list[float], form: str) -> str:
 
 
 def _growth(groups: Mapping[tuple[int, bool], list[Mapping[str, Any]]]) -> str:
-    """Return the sentence with the exponents, fitted over all numbers of parts."""
-    own = {count: runs for (count, has_clearance), runs in groups.items() if not has_clearance}
+    """Return the sentence with the exponents, fitted where items are cells."""
+    own = {
+        count: runs
+        for (count, has_clearance), runs in groups.items()
+        if not has_clearance and count >= BY_CELLS
+    }
     if len(own) < 2:
         return ""
     counts = np.log(sorted(own))
@@ -161,8 +168,8 @@ def _growth(groups: Mapping[tuple[int, bool], list[Mapping[str, Any]]]) -> str:
     memory = [np.mean([run["memory"] for run in own[n]]) for n in sorted(own)]
     powers = [float(np.polyfit(counts, np.log(values), 1)[0]) for values in (firsts, memory)]
     return (
-        "\nThe time to the first packing grows as the number of parts to the power of "
-        f"{powers[0]:.2f}, memory as {powers[1]:.2f}.\n"
+        f"From {BY_CELLS} parts on, the time to the first packing grows as their number to the power "
+        f"of {powers[0]:.2f}, memory as {powers[1]:.2f}.\n"
     )
 
 

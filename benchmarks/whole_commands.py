@@ -59,14 +59,14 @@ import json, sys, time
 import packit_sim.cli.pack_command as command
 from packit_sim.cli.app import main
 steps, last = {}, ["reading", time.perf_counter()]
-def timed(*arguments):
+def timed(*arguments, **options):
     *rest, show = arguments
     def seen(step, done, total):
         now, name = time.perf_counter(), step.split()[0]
         steps[last[0]] = steps.get(last[0], 0.0) + now - last[1]
         last[:] = name, now
         show(step, done, total)
-    return own(*rest, seen)
+    return own(*rest, seen, **options)
 own, command.pack = command.pack, timed
 try:
     main()
