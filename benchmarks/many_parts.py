@@ -168,8 +168,8 @@ def _growth(groups: Mapping[tuple[int, bool], list[Mapping[str, Any]]]) -> str:
     memory = [np.mean([run["memory"] for run in own[n]]) for n in sorted(own)]
     powers = [float(np.polyfit(counts, np.log(values), 1)[0]) for values in (firsts, memory)]
     return (
-        f"From {BY_CELLS} parts on, the time to the first packing grows as their number to the power "
-        f"of {powers[0]:.2f}, memory as {powers[1]:.2f}.\n"
+        f"From {BY_CELLS} parts on, the time to the first packing grows as their number to the "
+        f"power of {powers[0]:.2f}, memory as {powers[1]:.2f}.\n"
     )
 
 
