@@ -182,12 +182,12 @@ def test_shared_cells_are_counted() -> None:
 
 @pytest.mark.parametrize("clearance", [0.0, 0.08])
 def test_strips_of_many_types_are_valid_complete_and_improve(clearance: float) -> None:
-    types = shapes(36)
+    types = shapes(18)
     heights: list[float] = []
-    settings = NestSettings(workers=1, iterations=60, search=BY_CELLS)
+    settings = NestSettings(workers=1, iterations=40, search=BY_CELLS)
     packing = nest(
         types,
-        (5.5, 5.0, math.inf),
+        (4.4, 4.2, math.inf),
         clearance=clearance,
         settings=settings,
         callback=lambda better, _: heights.append(better.height),
@@ -195,7 +195,7 @@ def test_strips_of_many_types_are_valid_complete_and_improve(clearance: float) -
     assert packing.problems() == [] and not any(packing.left_out)
     assert heights == sorted(heights, reverse=True)
     assert heights[-1] < heights[0]
-    again = nest(types, (5.5, 5.0, math.inf), clearance=clearance, settings=settings)
+    again = nest(types, (4.4, 4.2, math.inf), clearance=clearance, settings=settings)
     assert again.height == packing.height
 
 
@@ -209,12 +209,12 @@ def test_a_knapsack_of_many_types_is_valid_and_settles() -> None:
 
 
 def test_items_as_cells_keep_clear_of_obstacles_and_of_a_start() -> None:
-    types = shapes(18)
+    types = shapes(9)
     post = creation.box((1, 1, 30)).apply_translation((2.63, 2.57, 15))
     container = BoxContainer(
         (6.1, 6.1, math.inf), (ItemType("post", post.vertices, post.faces, rotations="fixed"),)
     )
-    settings = NestSettings(workers=1, iterations=30, search=BY_CELLS)
+    settings = NestSettings(workers=1, iterations=20, search=BY_CELLS)
     packing = nest(types, container, settings=settings)
     assert packing.problems() == [] and not any(packing.left_out)
     later = nest(types, container, settings=replace(settings, start=packing))
