@@ -22,7 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from packit_sim.core.compilation import inlined, inner_kernel, kernel
-from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, apart, put, random
+from packit_sim.geometry.word_kernels import count_bits
+from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, apart, put, random, shuffle
 from packit_sim.parts.nesting.settling_kernels import are_in_conflict
 
 KEPT = 3
@@ -60,16 +61,6 @@ class CellState(NamedTuple):
     moved: Any
 
 
-@inlined
-def _ones(word):
-    """Return the number of bits that are set; compilers have one instruction for this."""
-    word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
-    pairs = np.uint64(0x3333333333333333)
-    word = (word & pairs) + ((word >> np.uint64(2)) & pairs)
-    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return (word * np.uint64(0x0101010101010101)) >> np.uint64(56)
-
-
 @inner_kernel
 def _shared_cells(bits, one, p, other, q, enough):
     """Return the number of cells that two items at positions share, or a number above `enough`.
@@ -93,21 +84,21 @@ def _shared_cells(bits, one, p, other, q, enough):
     small = np.uint64(up & 63)
     rest = np.uint64(64) - small
     width = y1 - y0
-    total = np.uint64(0)
+    total = 0
     for x in range(x1 - x0):
         for k in range(min(other_words, words - big)):
             low = at + x * row + (big + k) * plane
             high = other_at + x * other_row + k * other_plane
             lower = bits[low : low + width]
             upper = bits[high : high + width]
-            count = np.uint64(0)
+            count = 0
             if small > 0 and big + k + 1 < words:
                 above = bits[low + plane : low + plane + width]
                 for y in range(width):
-                    count += _ones(((lower[y] >> small) | (above[y] << rest)) & upper[y])
+                    count += count_bits(((lower[y] >> small) | (above[y] << rest)) & upper[y])
             else:
                 for y in range(width):
-                    count += _ones((lower[y] >> small) & upper[y])
+                    count += count_bits((lower[y] >> small) & upper[y])
             total += count
         if total > enough:
             break
@@ -138,7 +129,7 @@ def _cost(cells, state, grid, i, o, p, limit):
             continue
         weight = grid.weights[i, j]
         root = (limit - total) / weight
-        enough = np.uint64(min(root * root + grid.excused[i, j], 1e12))
+        enough = int(min(root * root + grid.excused[i, j], 1e12))
         other = cells.forms[state.types[j], state.turned[j]]
         shared = _shared_cells(cells.bits, form, p, other, bounds[j], enough)
         shared -= grid.excused[i, j]
@@ -319,14 +310,12 @@ def separate_cells(problem, cells, state, grid, size, passes, samples, weights, 
     order = np.arange(count)
     least = NO_LIMIT
     near, far = samples
-    for _ in range(passes + 1):
+    for number in range(passes + 1):
         total = _excuse(problem, cells, state, grid)
         least = min(least, total)
-        if total == 0 or _ == passes:
+        if total == 0 or number == passes:
             break
-        for n in range(count - 1, 0, -1):  # Fisher and Yates' shuffle
-            m = int(random(rng) * (n + 1))
-            order[n], order[m] = order[m], order[n]
+        shuffle(order, rng)
         for k in range(count):
             i = order[k]
             if grid.shared[i].max() > 0:
@@ -356,9 +345,7 @@ def _excuse(problem, cells, state, grid):
             if grid.shared[i, j] == 0 and grid.excused[i, j] == 0:
                 continue
             other = cells.forms[state.types[j], state.turned[j]]
-            shared = _shared_cells(
-                cells.bits, form, grid.bounds[i], other, grid.bounds[j], np.uint64(1 << 40)
-            )
+            shared = _shared_cells(cells.bits, form, grid.bounds[i], other, grid.bounds[j], 1 << 40)
             if shared == 0:
                 continue
             left, excused = 0.0, grid.excused[i, j]

@@ -21,6 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import inlined, inner_kernel, kernel
+from packit_sim.geometry.word_kernels import lowest_bit
 
 SIDES = 1, 2, 3, 4, 6, 8, 12, 16
 """The sides of windows."""
@@ -60,7 +61,7 @@ def mark(windows, bits, form, x, y, z):
                 word = bits[at + b]
                 c = z + 64 * k
                 while word:
-                    lowest = _lowest(word)
+                    lowest = lowest_bit(word)
                     word &= word - np.uint64(1)
                     own = c + lowest
                     bit = np.uint64(1) << np.uint64((own >> 2) & 63)
@@ -149,7 +150,6 @@ def lowest_place(windows, size_x, size_y, cells, t, turns, limit, best):
     side = 4 * windows.shape[2] * layer
     words = windows.shape[2]
     flat = windows.reshape(-1)
-    base = cells.bases[t, turns[0]]
     most_cubes = most_first = 0
     for r in range(len(turns)):
         base = cells.bases[t, turns[r]]
@@ -202,7 +202,7 @@ def lowest_place(windows, size_x, size_y, cells, t, turns, limit, best):
                             at1 = x * count_y + y
                             free = _left(flat, at1, cubes, count, f, layer, words, k, free)
                             if free:
-                                z = 4 * (_lowest(free) + 64 * k) + f
+                                z = 4 * (lowest_bit(free) + 64 * k) + f
                                 limit = z + form[6]
                                 most_z = limit - 1 - form[6]
                                 best[0], best[1], best[2], best[3] = o, x, y, z
@@ -274,26 +274,6 @@ def _below(count):
     if count >= 64:
         return ~np.uint64(0)
     return (np.uint64(1) << np.uint64(count)) - np.uint64(1)
-
-
-@inlined
-def _lowest(word):
-    """Return the number of the lowest bit that is set."""
-    bit = word & (~word + np.uint64(1))
-    number = 0
-    if bit & np.uint64(0xFFFFFFFF00000000):
-        number += 32
-    if bit & np.uint64(0xFFFF0000FFFF0000):
-        number += 16
-    if bit & np.uint64(0xFF00FF00FF00FF00):
-        number += 8
-    if bit & np.uint64(0xF0F0F0F0F0F0F0F0):
-        number += 4
-    if bit & np.uint64(0xCCCCCCCCCCCCCCCC):
-        number += 2
-    if bit & np.uint64(0xAAAAAAAAAAAAAAAA):
-        number += 1
-    return number
 
 
 @inner_kernel

@@ -29,6 +29,14 @@ def random(state):
     return float(z >> np.uint64(11)) / 9007199254740992.0  # 53 bits: all that a float64 holds
 
 
+@inner_kernel
+def shuffle(order, rng):
+    """Shuffle an array in place (Fisher and Yates)."""
+    for n in range(len(order) - 1, 0, -1):
+        m = int(random(rng) * (n + 1))
+        order[n], order[m] = order[m], order[n]
+
+
 @kernel
 def put(lookup, state, i, o, p):
     """Set the pose of an item: a rotation's number and a place (3,)."""

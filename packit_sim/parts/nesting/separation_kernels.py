@@ -30,7 +30,7 @@ from packit_sim.parts.nesting.cost_kernels import (
     total_overlap,
     update_overlaps,
 )
-from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample
+from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample, shuffle
 from packit_sim.parts.nesting.pushing_kernels import push_apart
 
 KEPT = 4
@@ -282,9 +282,7 @@ def separate(problem, state, best, boxes, samples, passes, weights, rng):
     for _ in range(passes):
         if least == 0:
             break
-        for n in range(count - 1, 0, -1):  # Fisher and Yates' shuffle
-            m = int(random(rng) * (n + 1))
-            order[n], order[m] = order[m], order[n]
+        shuffle(order, rng)
         for k in range(count):
             i = order[k]
             if state.overlaps[i].max() > 0:
