@@ -30,7 +30,8 @@ from benchmarks.common import argument_parser, machine, summary, write_json
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
-from packit_sim.game.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
+from packit_sim.game.datasets.builtin import STARTER_PACKS
+from packit_sim.game.datasets.pack_files import dataset_file, read_packs
 from packit_sim.game.datasets.packs import Pack
 from packit_sim.game.generation import jobs
 from packit_sim.game.generation.evolution import Evolution

@@ -22,9 +22,9 @@ from trimesh import Trimesh, creation
 
 from benchmarks.common import argument_parser, machine, markdown_table, write_into_page, write_json
 from packit_sim import PackedParts, PackSettings, Part, pack
+from packit_sim.core.choices import Goal
 from packit_sim.game.generation.puzzles import cut_puzzle
 from packit_sim.parts import check
-from packit_sim.parts.filling.task import Goal
 
 FILE = "known_optima.json"
 

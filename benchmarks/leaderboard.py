@@ -32,6 +32,7 @@ from msgspec import Struct
 from benchmarks.common import RESULTS, markdown_table, write_into_page
 from packit_sim import PackItError, Rollout
 from packit_sim.core import typed_json
+from packit_sim.core.choices import Split
 from packit_sim.core.confidence import format_estimate
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.files import replacing
@@ -42,7 +43,6 @@ from packit_sim.game.datasets.packs import Task
 from packit_sim.game.evaluation.evaluation import Score
 from packit_sim.game.evaluation.results import ResultsError, read_results
 from packit_sim.game.evaluation.results_store import check_evaluation
-from packit_sim.libraries.splits import Split
 from packit_sim.rules import PACKIT, Rules
 
 BOARDS = RESULTS / "leaderboard"

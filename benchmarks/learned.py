@@ -25,14 +25,14 @@ from benchmarks.common import plot_file, write_json
 from packit_agents.learning.networks import AllPolicies
 from packit_agents.learning.weights import read_weights
 from packit_sim import Agent, ShapeLibrary
-from packit_sim.cli.console import console
-from packit_sim.cli.evaluation_commands import evaluate_shown
+from packit_sim.cli.evaluations import evaluate_shown
+from packit_sim.cli.terminal import console
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.core.parallel import Workers
 from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.datasets.provenance import RETURN_SLACK
 from packit_sim.game.evaluation.learning_curves import TrainingRecord
-from packit_sim.game.paper.reproduction import HEURISTIC
+from packit_sim.game.paper.names import HEURISTIC
 from packit_sim.render import plots
 from packit_sim.rules import Rules
 

@@ -30,7 +30,8 @@ from packit_sim.game.datasets.densification_settings import DensificationSetting
 from packit_sim.game.datasets.provenance import RETURN_SLACK
 from packit_sim.game.generation.jobs import GenerationJob, generate
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
-from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
+from packit_sim.parts.packings.builtin_instances import builtin_instance
+from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
 from packit_sim.parts.packings.instances import read_instance
 from packit_sim.parts.packings.item_types import ItemType
 
@@ -68,7 +69,7 @@ def polytopes(folder: Path, data: Path) -> ShapeLibrary:
 
 def builtin_items(folder: Path) -> ShapeLibrary:
     """Write the different items of the built-in instances to files."""
-    return _items(folder, ((name, builtin_instance(name).types) for name in builtin_names()))
+    return _items(folder, ((name, builtin_instance(name).types) for name in BUILTIN_NAMES))
 
 
 def _items(folder: Path, instances: Iterable[tuple[str, Sequence[ItemType]]]) -> ShapeLibrary:

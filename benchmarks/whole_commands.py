@@ -56,7 +56,7 @@ STEPS = ("reading", "preparing", "packing", "checking", "writing")
 
 CHILD = """
 import json, sys, time
-import packit_sim.cli.pack_command as command
+import packit_sim
 from packit_sim.cli.app import main
 steps, last = {}, ["reading", time.perf_counter()]
 def timed(*arguments, **options):
@@ -67,7 +67,7 @@ def timed(*arguments, **options):
         last[:] = name, now
         show(step, done, total)
     return own(*rest, seen, **options)
-own, command.pack = command.pack, timed
+own, packit_sim.pack = packit_sim.pack, timed
 try:
     main()
 finally:

@@ -21,7 +21,8 @@ from packit_agents.learning.checkpoints import read_checkpoint
 from packit_agents.learning.weights import read_weights
 from packit_agents.placements import champion_training
 from packit_agents.placements.network import PlacementNetwork
-from packit_sim.game.datasets.pack_files import DEFAULT_LIBRARY, dataset_file, read_packs
+from packit_sim.game.datasets.builtin import DEFAULT_LIBRARY
+from packit_sim.game.datasets.pack_files import dataset_file, read_packs
 from packit_sim.game.evaluation import results_store
 from packit_sim.game.evaluation.evaluation import evaluate
 from packit_sim.game.evaluation.results import read_results

@@ -34,13 +34,13 @@ from benchmarks.common import PICTURES, machine, markdown_table, resident_memory
 from campaigns.common import argument_parser, read_results, write_into_page
 from packit_sim import ShapeLibrary
 from packit_sim.core import caches
+from packit_sim.core.choices import SPLITS
 from packit_sim.core.silence import quiet
 from packit_sim.core.version import __version__
 from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.envs.task_source import FRESH
-from packit_sim.libraries.splits import SPLITS
 from packit_sim.render import plots
 from packit_sim.render.renderers import RENDERER_VARIABLE
 from packit_sim.scene import Scene

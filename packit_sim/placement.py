@@ -15,7 +15,6 @@ from packit_sim.engine.compaction import Compacted, compact, drops
 from packit_sim.engine.containment import PartArrays
 from packit_sim.engine.containment_kernels import holds, winding_number
 from packit_sim.engine.disassembly import (
-    MOVES,
     Disassembly,
     disassemble,
     insertion_routes,
@@ -62,7 +61,6 @@ from packit_sim.geometry.lattice import ORIGIN
 __all__ = [
     "BLOCKED",
     "MEETINGS_BEFORE_TABLE",
-    "MOVES",
     "ORIGIN",
     "WALLS",
     "AxisNumber",

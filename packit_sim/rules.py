@@ -5,19 +5,17 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
 from packit_sim.core.checks import as_integer
+from packit_sim.core.choices import RotationSet
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import Triple, box_cells
 from packit_sim.geometry.rotations import COUNT
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
-
-RotationSet = Literal["all", "yaw"]
-"""Names of sets of rotations: all 24, or the four about the vertical axis."""
 
 _ROTATIONS: dict[RotationSet, int] = {"all": COUNT, "yaw": 4}
 """The number of rotations of each set, which are the first ones by index."""

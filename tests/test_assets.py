@@ -13,10 +13,10 @@ import pytest
 
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.check_reports import Report
+from packit_sim.game.datasets.builtin import builtin_datasets
 from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import manifest_path
 from packit_sim.game.datasets.pack_files import (
-    builtin_datasets,
     dataset_files,
     dataset_library,
     dataset_path,

@@ -12,7 +12,7 @@ import trimesh
 from packit_sim import NestSettings, nest
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.packings import builtin_instances
-from packit_sim.parts.packings.builtin_instances import builtin_names
+from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
 from packit_sim.parts.packings.instances import read_instance, write_instance
 from packit_sim.parts.packings.item_types import ItemType
 from tests.doc_pages import DOCS
@@ -38,7 +38,7 @@ def mesh(item_type: ItemType) -> trimesh.Trimesh:
     return trimesh.Trimesh(item_type.vertices, item_type.faces, process=False)
 
 
-@pytest.mark.parametrize("name", builtin_names())
+@pytest.mark.parametrize("name", BUILTIN_NAMES)
 def test_a_name_always_gives_the_same_meshes(name) -> None:
     sha = hashlib.sha256()
     for item_type in builtin_instance(name).types:
@@ -47,7 +47,7 @@ def test_a_name_always_gives_the_same_meshes(name) -> None:
     assert sha.hexdigest()[:16] == DIGESTS[name]
 
 
-@pytest.mark.parametrize("name", builtin_names())
+@pytest.mark.parametrize("name", BUILTIN_NAMES)
 def test_items_are_closed_bodies_from_the_origin_as_many_as_the_name_says(name) -> None:
     types, container, _ = builtin_instance(name, "axis-4")
     assert container.is_strip and sum(t.demand for t in types) == int(name.rpartition("-")[2])
@@ -99,7 +99,7 @@ def test_an_instance_is_packed(name) -> None:
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
-    known = re.escape(", ".join(builtin_names()))
+    known = re.escape(", ".join(BUILTIN_NAMES))
     with pytest.raises(ArgumentError, match=f"no built-in instance 'cubes': choose from {known}"):
         builtin_instance("cubes")
 
@@ -113,7 +113,7 @@ def test_the_files_of_an_instance_hold_the_same_items(tmp_path) -> None:
     assert [t.digest for t in again] == [t.digest for t in types]
 
 
-@pytest.mark.parametrize("name", builtin_names())
+@pytest.mark.parametrize("name", BUILTIN_NAMES)
 def test_the_reference_has_the_numbers_of_each_instance(name) -> None:
     types, container, optimal = builtin_instance(name)
     x, y, _ = container.size

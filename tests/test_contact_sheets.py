@@ -15,8 +15,8 @@ from packit_sim.core.errors import MeshError, RenderError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.render import contact_sheets, lettering
 from packit_sim.render.contact_sheets import contact_sheet, picture
+from packit_sim.render.defaults import BACKGROUND
 from packit_sim.render.image_files import RGBImage
-from packit_sim.render.looks import BACKGROUND
 from tests.examples import OFTEN_OPENED
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, ZOO
 

@@ -24,7 +24,8 @@ from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
 from packit_sim.game.datasets.pack_files import write_packs
 from packit_sim.game.episodes.agents import Agent
-from packit_sim.game.paper.reproduction import HEURISTIC, TABLES
+from packit_sim.game.paper.names import HEURISTIC
+from packit_sim.game.paper.reproduction import TABLES
 from packit_sim.physics.convex import decomposition, disk_cache
 from tests.doc_pages import (
     DOCS,

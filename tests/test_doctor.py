@@ -50,7 +50,7 @@ def _check_nothing_but(*checks: MachineCheck):
 
 def test_what_is_missing_has_a_remedy_in_the_table(monkeypatch) -> None:
     ray = MachineCheck("ray", "missing", "for --backend ray", "pip install 'packit-sim[cluster]'")
-    monkeypatch.setattr("packit_sim.cli.doctor_command.all_checks", _check_nothing_but(ray))
+    monkeypatch.setattr("packit_sim.cli.machine_checks.all_checks", _check_nothing_but(ray))
     done = run_packit("doctor")
     assert done.returncode == 0
     text = "".join(done.stdout.split())
@@ -61,7 +61,7 @@ def test_a_required_package_that_is_broken_ends_with_1(monkeypatch) -> None:
     numba = MachineCheck(
         "numba", "problem", "can't be imported", "pip install numba", required=True
     )
-    monkeypatch.setattr("packit_sim.cli.doctor_command.all_checks", _check_nothing_but(numba))
+    monkeypatch.setattr("packit_sim.cli.machine_checks.all_checks", _check_nothing_but(numba))
     assert run_packit("doctor").returncode == 1
     done = run_packit("doctor", "--json")
     assert done.returncode == 1 and json.loads(done.stdout)["works"] is False

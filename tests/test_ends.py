@@ -47,11 +47,17 @@ def ended(command: list[str], **options: object) -> tuple[int, str, str]:
 
 
 @pytest.mark.parametrize(
-    ("number", "at"), [(signal.SIGINT, 5), (signal.SIGTERM, 90), (signal.SIGHUP, 300)]
+    ("number", "at"), [(signal.SIGINT, 5), (signal.SIGTERM, 50), (signal.SIGHUP, 90)]
 )
 def test_a_signal_during_the_start_ends_it_with_one_line(number, at) -> None:
     found = ended(["-c", AT_IMPORT, str(int(number)), str(at), "--version"])
     assert found == (STATUS[number], "stopped\n", "")
+
+
+@pytest.mark.parametrize(("number", "at"), [(signal.SIGINT, 600), (signal.SIGTERM, 900)])
+def test_a_signal_during_an_import_of_a_command_ends_it_with_one_line(number, at) -> None:
+    found = ended(["-c", AT_IMPORT, str(int(number)), str(at), "datasets", "list"])
+    assert found == (STATUS[number], "stopped: the command is not finished\n", "")
 
 
 @pytest.mark.slow
@@ -165,7 +171,7 @@ def test_ctrl_c_while_the_command_line_is_read_is_one_line(monkeypatch, capsys) 
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(app.TyperGroup, "make_context", interrupted)
+    monkeypatch.setattr(app.Group, "make_context", interrupted)
     with pytest.raises(SystemExit) as end:
         app.main()
     out, err = capsys.readouterr()

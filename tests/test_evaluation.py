@@ -266,7 +266,7 @@ def test_a_table_that_the_paper_does_not_have(tasks, tmp_path) -> None:
 
 def test_reproduce_resumes(tmp_path, monkeypatch) -> None:
     common = ("--dataset", "starter", "--workers", "1", "--out", tmp_path)
-    monkeypatch.setattr("packit_sim.cli.reproduction_commands.QUICK_TASKS", 2)
+    monkeypatch.setattr("packit_sim.cli.reproductions.QUICK_TASKS", 2)
     packit("reproduce", "table1", *common, "--quick")
     written = {path.name for path in tmp_path.iterdir()}
     assert {"table1.md", "table1.json", "table1.png", "packit.jsonl"} <= written
@@ -279,8 +279,8 @@ def test_reproduce_resumes(tmp_path, monkeypatch) -> None:
 @pytest.mark.slow
 def test_the_portfolio_at_a_glance(tmp_path, monkeypatch) -> None:
     common = ("--dataset", "starter", "--workers", "1", "--out", tmp_path, "--quick")
-    monkeypatch.setattr("packit_sim.cli.reproduction_commands.QUICK_TASKS", 2)
-    monkeypatch.setattr("packit_sim.game.paper.portfolio.QUICK_SECONDS", 0.05)
+    monkeypatch.setattr("packit_sim.cli.reproductions.QUICK_TASKS", 2)
+    monkeypatch.setattr("packit_sim.cli.reproductions.QUICK_SECONDS", 0.05)
     monkeypatch.setattr("packit_sim.game.paper.portfolio._POINTS", 3)
     packit("reproduce", "portfolio", *common)
     found = json.loads((tmp_path / "portfolio.json").read_text())

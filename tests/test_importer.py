@@ -19,6 +19,7 @@ import pytest
 import trimesh
 from trimesh import creation
 
+from packit_sim.core.choices import SPLITS
 from packit_sim.core.errors import LibraryError
 from packit_sim.core.memory import limit_memory
 from packit_sim.geometry.repair import Repairs
@@ -29,7 +30,6 @@ from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.raw_meshes import RawMesh
 from packit_sim.libraries.sources import Candidate
-from packit_sim.libraries.splits import SPLITS
 from tests import bad_meshes
 from tests.runs import PoolOfNone
 from tests.runs import run_packit as packit

@@ -23,13 +23,13 @@ from campaigns import injector
 from packit_sim.box import Box
 from packit_sim.core import caches
 from packit_sim.core.assets import assets_folder
+from packit_sim.core.choices import SPLITS
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo
-from packit_sim.libraries.splits import SPLITS
 from packit_sim.libraries.stored import entry
 
 Entry = tuple[QuantizedMesh, ShapeInfo]

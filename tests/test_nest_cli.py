@@ -69,7 +69,7 @@ def test_separable_items_are_placed_again_if_they_interlock(instance, monkeypatc
         callback(linked, 0.0)
         return linked
 
-    monkeypatch.setattr(nest_command, "nest", found)
+    monkeypatch.setattr("packit_sim.nest", found)
     plain = packit("nest", instance, "--packing", "linked.json")
     assert "linked pairs: item 0 ('ring') and item 1 ('link')" in plain
     assert "linked pairs: none" in packit("nest", instance, "--separable", "--packing", "out.json")
@@ -130,6 +130,6 @@ def test_ctrl_c_before_the_first_packing_ends_the_command(instance, monkeypatch)
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(nest_command, "nest", interrupted)
+    monkeypatch.setattr("packit_sim.nest", interrupted)
     with pytest.raises(AssertionError, match="stopped: nothing is written"):
         packit("nest", instance)

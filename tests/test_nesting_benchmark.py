@@ -15,8 +15,8 @@ from benchmarks.nesting.cases import CASES, Case, names
 from benchmarks.nesting.runs import Results, Search, run_all
 from packit_sim import NestSettings, nest
 from packit_sim.core.errors import ArgumentError
-from packit_sim.parts.packings.builtin_instances import builtin_names
 from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
 from packit_sim.parts.packings.instances import write_instance
 from packit_sim.parts.packings.item_types import ItemType
 
@@ -116,7 +116,7 @@ def test_the_literature_needs_a_folder_of_its_meshes(tmp_path, capsys, monkeypat
 
 
 def test_without_the_literature_the_built_in_instances_are_measured(tmp_path) -> None:
-    assert set(names("clearance", None)) <= set(builtin_names())
+    assert set(names("clearance", None)) <= set(BUILTIN_NAMES)
     assert set(names("clearance", tmp_path)) <= set(names("literature", None))
     assert cases.clearance("gears-12", "cube", None).clearance == pytest.approx(0.1)
     results = Results(tmp_path)

@@ -19,7 +19,7 @@ from packit_agents import OldestFirst
 from packit_agents.heuristics.best_fit import resting
 from packit_sim import placement
 from packit_sim.box import Box
-from packit_sim.cli import evaluation_commands
+from packit_sim.cli import evaluations
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.pack_files import load_tasks, read_packs
@@ -534,7 +534,7 @@ def test_the_command_line_plays_online(tmp_path, monkeypatch) -> None:
     def in_this_process(agents, tasks, seed, rules, *, workers, file, numbers):
         return evaluate(agents, tasks, seed, rules=rules, file=file)
 
-    monkeypatch.setattr(evaluation_commands, "evaluate_shown", in_this_process)
+    monkeypatch.setattr(evaluations, "evaluate_shown", in_this_process)
     packit(
         *("datasets", "sequences", "--sequences", 2, "--items", 9, "--cells", 12, 12, 12),
         *("--out", tmp_path),

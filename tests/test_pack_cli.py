@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from trimesh import creation
 
-from packit_sim.cli import pack_command
-from packit_sim.cli.console import read_seconds
+from packit_sim.cli.options import read_seconds
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.results import instructions
 from tests.runs import packit
@@ -63,7 +62,7 @@ def test_ctrl_c_before_the_first_packing_ends_the_command(parts, tmp_path, monke
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pack_command, "pack", interrupted)
+    monkeypatch.setattr("packit_sim.pack", interrupted)
     with pytest.raises(AssertionError, match="stopped: repeat the command"):
         packit("pack", parts, "--box", "1x1x1", "--out", tmp_path / "out")
 

@@ -29,7 +29,7 @@ from packit_sim.game.paper import figures
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render.coloring import ramp
-from packit_sim.render.looks import BACKGROUND
+from packit_sim.render.defaults import BACKGROUND
 from tests.zoo import cube_of
 
 pytestmark = pytest.mark.usefixtures("software")
@@ -281,7 +281,7 @@ def test_a_read_only_folder_is_reported_before_any_work(
 ) -> None:
     """As root any folder can be: so `os.access` says what it says to others."""
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    monkeypatch.setattr("packit_sim.cli.picture_commands.Scene", None)
+    monkeypatch.setattr("packit_sim.Scene", None)
     for command, name in (("render", "a.png"), ("film", "a.gif"), ("export", "a.glb")):
         failed = packit(command, packs, "--out", tmp_path / name)
         assert failed.code == 2 and "no permission for" in failed.err

@@ -24,8 +24,9 @@ from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render import bullet, rendering
 from packit_sim.render.cameras import CAMERAS, FRONT, TOP, Camera, turntable
 from packit_sim.render.coloring import ByNumber, ByShare, by_order
+from packit_sim.render.defaults import BACKGROUND
 from packit_sim.render.layouts import ITEM_GAP, Layout
-from packit_sim.render.looks import BACKGROUND, Cut, Look
+from packit_sim.render.looks import Cut, Look
 from packit_sim.render.sections import is_beyond, section
 from packit_sim.render.software import SoftwareWorld
 from packit_sim.scene import Scene

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 from trimesh import creation
 
+from packit_sim.core.choices import SPLITS
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.libraries.splits import SPLITS
 from tests import bad_meshes
 from tests.runs import run_packit as packit
 

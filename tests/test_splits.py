@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from packit_sim.libraries.splits import SPLITS, divide
+from packit_sim.core.choices import SPLITS
+from packit_sim.libraries.splits import divide
 
 
 def named(counts: dict[str, int]) -> dict[str, str]:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from packit_sim.cli import app, shape_commands, verify_command
+from packit_sim.cli import app
 from packit_sim.core.silence import quiet_threads
+from packit_sim.game.datasets import dataset_checks
+from packit_sim.libraries import importer
 from tests.runs import results, run_packit
 
 EVIL = "random\x1b]0;owned\x07/\x1b[31maligned\x9b2J/blbf\u202e"
@@ -28,8 +30,8 @@ def test_no_control_characters_of_names_reach_the_terminal(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("module", "name", "command"),
     [
-        (verify_command, "verify_dataset", ["verify", "starter"]),
-        (shape_commands, "import_library", ["shapes", "import", "MESHES", "--out", "OUT"]),
+        (dataset_checks, "verify_dataset", ["verify", "starter"]),
+        (importer, "import_library", ["shapes", "import", "MESHES", "--out", "OUT"]),
     ],
 )
 def test_commands_end_on_ctrl_c_with_one_line(

@@ -347,7 +347,7 @@ def test_an_operating_system_error_names_the_file(
     def full(*arguments: object) -> None:
         raise OSError(28, "No space left on device", "packs.jsonl")
 
-    monkeypatch.setattr("packit_sim.cli.generation_commands.generate", full)
+    monkeypatch.setattr("packit_sim.game.generation.jobs.generate", full)
     assert run("generate --out x", monkeypatch) == 2
     assert capfd.readouterr().err == "error: packs.jsonl: No space left on device\n"
 
@@ -358,11 +358,11 @@ def test_ctrl_c_ends_with_one_line(
     def stopped(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    for name in ("generate", "_shown"):
-        monkeypatch.setattr(f"packit_sim.cli.generation_commands.{name}", stopped)
+    for name in ("game.generation.jobs.generate", "cli.generation_progress.shown"):
+        monkeypatch.setattr(f"packit_sim.{name}", stopped)
         assert run("generate --out x", monkeypatch) == 130
         assert capfd.readouterr().out.endswith("stopped: repeat the command to resume\n")
-    monkeypatch.setattr("packit_sim.cli.dataset_commands.statistics.take", stopped)
+    monkeypatch.setattr("packit_sim.game.datasets.statistics.take", stopped)
     assert run("datasets stats starter", monkeypatch) == 130
     assert capfd.readouterr().out == "stopped: the command is not finished\n"
 
@@ -371,7 +371,7 @@ def test_a_bug_still_gives_a_traceback(workplace: Path, monkeypatch: pytest.Monk
     def broken(*arguments: object) -> None:
         raise ValueError("a bug")
 
-    monkeypatch.setattr("packit_sim.cli.dataset_commands.statistics.take", broken)
+    monkeypatch.setattr("packit_sim.game.datasets.statistics.take", broken)
     monkeypatch.setattr(sys, "argv", ["packit", "datasets", "stats", "starter"])
     with pytest.raises(ValueError, match="a bug"):
         main()

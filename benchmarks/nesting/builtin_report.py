@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 
 from benchmarks.common import markdown_table
 from benchmarks.nesting.runs import Results, Search
-from packit_sim.parts.packings.builtin_instances import builtin_names
+from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
 from packit_sim.parts.results import pictures
 from packit_sim.render.lettering import font_of
 
@@ -31,7 +31,7 @@ def builtin(runs: Runs) -> Iterator[str]:
         return
     yield "## Built-in strips\n"
     rows = []
-    for run in sorted(runs, key=lambda each: builtin_names().index(each["name"])):
+    for run in sorted(runs, key=lambda each: BUILTIN_NAMES.index(each["name"])):
         optimum = run["others"].get("optimum")
         known = ("-", "-") if optimum is None else (f"{optimum:g}", f"{run['score'] / optimum:.3f}")
         settings = f"`{run['name']}`", run["rotations"], f"{run['seconds']:g} s", str(run["seed"])
@@ -44,7 +44,7 @@ def builtin(runs: Runs) -> Iterator[str]:
 def draw_builtin(results: Results, file: Path) -> None:
     """Draw the best packing of each built-in instance that has a result, in one picture."""
     own = [run for run in results.read().values() if run["kind"] == "builtin"]
-    shown = [name for name in builtin_names() if any(run["name"] == name for run in own)]
+    shown = [name for name in BUILTIN_NAMES if any(run["name"] == name for run in own)]
     wide, high = TILE
     rows = -(-len(shown) // COLUMNS)
     whole = Image.new("RGB", (COLUMNS * wide, rows * (high + LABEL)), "white")

@@ -14,7 +14,8 @@ import numpy as np
 from packit_sim import Box, BoxContainer, Item, ItemType, ShapeLibrary, load_tasks
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry import rotations as grid_rotations
-from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
+from packit_sim.parts.packings.builtin_instances import builtin_instance
+from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
 from packit_sim.parts.packings.instances import read_instance
 from packit_sim.placement import PlacedItem
 
@@ -107,7 +108,7 @@ def literature_names() -> list[str]:
 
 def needs_data(kind: str, name: str) -> bool:
     """Return whether a problem is an instance of the literature, which --data must provide."""
-    return kind in OF_INSTANCES and name not in builtin_names()
+    return kind in OF_INSTANCES and name not in BUILTIN_NAMES
 
 
 def literature(name: str, rotations: str, data: Path | None) -> Case:
@@ -186,7 +187,7 @@ def names(kind: str, data: Path | None) -> list[str]:
     if kind == "literature":
         return literature_names()
     if kind == "builtin":
-        return list(builtin_names())
+        return list(BUILTIN_NAMES)
     if kind == "clearance":
         return list(WITH_CLEARANCE if data else BUILTIN_WITH_CLEARANCE)
     if kind == "library":
@@ -228,7 +229,7 @@ def _lowest(box: Box, item: Item) -> tuple[Box, Item, tuple[int, int, int]] | No
 def _instance(
     name: str, rotations: str, data: Path | None
 ) -> tuple[tuple[ItemType, ...], BoxContainer]:
-    if name in builtin_names():
+    if name in BUILTIN_NAMES:
         return builtin_instance(name, rotations)[:2]
     if data is None:
         raise ArgumentError(

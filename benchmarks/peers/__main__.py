@@ -29,8 +29,8 @@ from benchmarks.peers.posed import Peer
 from benchmarks.peers.rows import Row, Summary, read, summaries, write
 from benchmarks.peers.spectral import Spectral
 from packit_sim import ShapeLibrary
-from packit_sim.cli.console import console, progress_bars
-from packit_sim.cli.evaluation_commands import interval, show_agents
+from packit_sim.cli.evaluations import interval, show_agents
+from packit_sim.cli.terminal import console, progress_bars
 from packit_sim.core import caches
 from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.datasets.packs import Task

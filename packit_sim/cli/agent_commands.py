@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import typer
-from rich.markup import escape
+import packit_sim
+from packit_sim.cli.help import group
+from packit_sim.core.lazy_imports import lazy_imports
 
-from packit_sim.cli.console import console
-from packit_sim.cli.output import simple_table
-from packit_sim.game.episodes.episode import Stage
-from packit_sim.game.episodes.policy_registry import (
-    PolicySummary,
-    installed_policies,
-    installed_searches,
-)
+with lazy_imports():
+    from rich import markup
 
-app = typer.Typer(help="List the agents that can play.", no_args_is_help=True)
+    from packit_sim.cli import output, terminal
+    from packit_sim.game.episodes import policy_registry
+
+app = group("List the agents that can play.")
 
 
 @app.command("list")
@@ -25,10 +23,10 @@ def list_command() -> None:
 
     Example: packit agents list
     """
-    for stage in Stage:
-        _print_table(f"{stage.name.lower()} policy", installed_policies(stage))
-    _print_table("search", installed_searches())
-    console.print(
+    for stage in packit_sim.Stage:
+        _print_table(f"{stage.name.lower()} policy", policy_registry.installed_policies(stage))
+    _print_table("search", policy_registry.installed_searches())
+    terminal.console.print(
         "An agent has one policy of each kind, and optionally a search. Examples:\n"
         "  largest-first/aligned/blbf          the paper's Heuristic\n"
         "  largest-first/aligned/blbf+beam=4   the same, with a search over 4 beams\n"
@@ -38,9 +36,9 @@ def list_command() -> None:
     )
 
 
-def _print_table(kind: str, found: tuple[PolicySummary, ...]) -> None:
-    table = simple_table(kind, "description")
+def _print_table(kind: str, found: tuple[policy_registry.PolicySummary, ...]) -> None:
+    table = output.simple_table(kind, "description")
     for one in found:
-        table.add_row(escape(one.form), escape(one.summary))
-    console.print(table)
-    console.print()
+        table.add_row(markup.escape(one.form), markup.escape(one.summary))
+    terminal.console.print(table)
+    terminal.console.print()

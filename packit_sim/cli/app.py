@@ -2,68 +2,99 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
+import re
 import sys
-from importlib.metadata import entry_points
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from rich.logging import RichHandler
-from rich.markup import escape
-from typer.core import TyperGroup
+from typer.main import get_group
 
-from packit_sim.cli import agent_commands, dataset_commands, shape_commands
-from packit_sim.cli.console import PlainConsole, console
-from packit_sim.cli.demo_command import demo_command
-from packit_sim.cli.doctor_command import doctor_command
-from packit_sim.cli.evaluation_commands import compare_command, evaluate_command
-from packit_sim.cli.figure_commands import figures_command
-from packit_sim.cli.generation_commands import generate_command
-from packit_sim.cli.help import document
-from packit_sim.cli.nest_command import nest_command
-from packit_sim.cli.output import stoppable
-from packit_sim.cli.pack_command import pack_command
-from packit_sim.cli.physics_commands import compact_command, score_command
-from packit_sim.cli.picture_commands import export_command, film_command, render_command
-from packit_sim.cli.report_commands import report_command
-from packit_sim.cli.reproduction_commands import reproduce_command
-from packit_sim.cli.selftest_command import selftest_command
-from packit_sim.cli.verify_command import verify_command
-from packit_sim.cli.viewer_commands import view_command, workbench_command
+from packit_sim.cli.help import Group, command, documented, write_summaries
+from packit_sim.cli.stopping import stoppable
 from packit_sim.core.errors import PackItError, message
+from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.signals import as_interrupts, end_at_once
 from packit_sim.core.version import DOCUMENTATION, __version__
 
-LOGGERS = ("packit_sim", "packit_agents")
+with lazy_imports():
+    from packit_sim.cli import terminal
 
 PACK, PLAY, BENCHMARK, LEARN, LOOK = "Pack", "Play", "Benchmark", "Learn", "Look"
-INSTALLATION = "Installation"
+INSTALLATION, OTHERS = "Installation", "Of other packages"
 
-COMMANDS: dict[str, tuple[str, ...]] = {
-    PACK: ("pack", "workbench", "nest"),
-    PLAY: ("demo", "agents", "datasets", "evaluate", "compare"),
-    BENCHMARK: (
-        "shapes",
-        "generate",
-        "verify",
-        "compact",
-        "score",
-        "reproduce",
-        "report",
-    ),
-    LEARN: ("train", "train-champion"),
-    LOOK: ("view", "render", "film", "export", "figures"),
-    INSTALLATION: ("doctor", "selftest"),
+COMMANDS: dict[str, dict[str, str]] = {
+    PACK: {"pack": "pack_command", "workbench": "viewer_commands", "nest": "nest_command"},
+    PLAY: {
+        "demo": "demo_command",
+        "agents": "agent_commands",
+        "datasets": "dataset_commands",
+        "evaluate": "evaluation_commands",
+        "compare": "evaluation_commands",
+    },
+    BENCHMARK: {
+        "shapes": "shape_commands",
+        "generate": "generation_commands",
+        "verify": "verify_command",
+        "compact": "physics_commands",
+        "score": "physics_commands",
+        "reproduce": "reproduction_commands",
+        "report": "report_commands",
+    },
+    LEARN: {"train": "", "train-champion": ""},
+    LOOK: {
+        "view": "viewer_commands",
+        "render": "picture_commands",
+        "film": "picture_commands",
+        "export": "picture_commands",
+        "figures": "figure_commands",
+    },
+    INSTALLATION: {"doctor": "doctor_command", "selftest": "selftest_command"},
 }
-"""The commands in the order of use, by their panels in `--help`; those of others follow."""
+"""The commands in the order of use, by their headings in `--help`, with the modules that have them;
+those without one, and those of other packages, are entry points."""
 
 
-class Commands(TyperGroup):
+class _Commands(Mapping[str, Any]):
+    """All commands; each is imported and built when it is first used."""
+
+    def __getitem__(self, name: str) -> Any:
+        function_or_group = _found(name)
+        if not isinstance(function_or_group, typer.Typer):
+            return command(name, function_or_group, _panel(name))
+        built = get_group(documented(function_or_group))
+        built.name, built.rich_help_panel = name, _panel(name)
+        return built
+
+    def __iter__(self) -> Iterator[str]:
+        own = {name for modules in COMMANDS.values() for name in modules if modules[name]}
+        return iter(own | _entry_points().keys())
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+class Commands(Group):
     """The commands, in the order of `COMMANDS`; Ctrl-C ends each with a line."""
 
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands: Any = _Commands()
+
     def list_commands(self, ctx: Any) -> list[str]:
-        known = [name for names in COMMANDS.values() for name in names if name in self.commands]
-        return known + sorted(self.commands.keys() - set(known))
+        names = set(self.commands)
+        known = [name for modules in COMMANDS.values() for name in modules if name in names]
+        return known + sorted(names.difference(known))
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        names = self.list_commands(ctx)
+        for panel in dict.fromkeys(map(_panel, names)):
+            texts = [(name, _text(name)) for name in names if _panel(name) == panel]
+            write_summaries(formatter, panel, texts)
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         with stoppable("nothing is begun"):  # typer itself would end without a word
@@ -74,49 +105,36 @@ class Commands(TyperGroup):
             return super().invoke(ctx)
 
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False)
+app = typer.Typer(cls=Commands, rich_markup_mode=None)
 
 
 def _panel(name: str) -> str:
-    panels = (panel for panel, names in COMMANDS.items() if name in names)
-    return next(panels, "Of other packages")
+    panels = (panel for panel, modules in COMMANDS.items() if name in modules)
+    return next(panels, OTHERS)
 
 
-for _name, _group in (
-    ("agents", agent_commands.app),
-    ("datasets", dataset_commands.app),
-    ("shapes", shape_commands.app),
-):
-    app.add_typer(_group, name=_name, rich_help_panel=_panel(_name))
-for _function in (
-    demo_command,
-    pack_command,
-    workbench_command,
-    nest_command,
-    verify_command,
-    selftest_command,
-    generate_command,
-    evaluate_command,
-    compare_command,
-    reproduce_command,
-    report_command,
-    view_command,
-    render_command,
-    film_command,
-    export_command,
-    figures_command,
-    compact_command,
-    score_command,
-    doctor_command,
-):
-    _name = _function.__name__.removesuffix("_command")
-    app.command(_name, rich_help_panel=_panel(_name))(_function)
-for _command in entry_points(group="packit_sim.commands"):
-    app.command(_command.name, rich_help_panel=_panel(_command.name))(_command.load())
+@cache
+def _entry_points() -> dict[str, Any]:
+    """Find the commands of packages: slow, and only needed for those and for lists of all."""
+    from importlib.metadata import entry_points
+
+    return {point.name: point for point in entry_points(group="packit_sim.commands")}
 
 
-for _typer in (app, agent_commands.app, dataset_commands.app, shape_commands.app):
-    document(_typer)
+@cache
+def _found(name: str) -> Any:
+    """Import a command's function, or its group of commands; raise KeyError if there is none."""
+    module = COMMANDS.get(_panel(name), {}).get(name)
+    if not module:
+        return _entry_points()[name].load()
+    names = vars(import_module(f"packit_sim.cli.{module}"))
+    return names.get(f"{name}_command") or names["app"]
+
+
+def _text(name: str) -> str:
+    found = _found(name)
+    help_ = found.info.help if isinstance(found, typer.Typer) else inspect.getdoc(found)
+    return str(help_ or "")
 
 
 def _print_version(wanted: bool) -> None:
@@ -142,11 +160,7 @@ def configure(
 ) -> None:
     """Pack real 3D shapes into a box, exactly."""
     if verbose:
-        handler = RichHandler(console=PlainConsole(stderr=True), show_path=False)
-        for name in LOGGERS:
-            logger = logging.getLogger(name)
-            logger.setLevel(logging.INFO if verbose == 1 else logging.DEBUG)
-            logger.handlers = [handler]
+        terminal.show_logs(logging.INFO if verbose == 1 else logging.DEBUG)
 
 
 def main() -> None:
@@ -162,7 +176,7 @@ def main() -> None:
         if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
             raise  # otherwise Ctrl-C came while C code, such as numba's, called Python
         end_at_once()
-        console.print("stopped")
+        terminal.console.print("stopped")
         code = 130
     sys.exit(128 + arrived[-1] if arrived else code)
 
@@ -184,11 +198,13 @@ def _message(error: PackItError | OSError | typer.TyperException) -> str:
             return f"{error.filename} is a file, not a folder: choose another place"
         if isinstance(error, NotADirectoryError):
             return f"{error.filename} is not possible: a part of this path is a file, not a folder"
-    return error.format_message() if isinstance(error, typer.TyperException) else message(error)
+    if not isinstance(error, typer.TyperException):
+        return message(error)
+    text = error.format_message().replace("Value error, ", "")  # a word of pydantic
+    return re.sub(r" \(Possible options: (.*)\)$", r". Did you mean \1?", text)
 
 
 def _print_error(message: str) -> None:
     """Print a message as one line; none if it is empty, because the help was printed instead."""
     if line := " ".join(message.split("\n")).strip():
-        text = f"[bold red]error:[/] {escape(line)}"
-        PlainConsole(stderr=True).print(text, highlight=False, soft_wrap=True)
+        terminal.print_error(line)

@@ -7,38 +7,29 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
-from packit_sim.cli.console import (
-    DatasetArgument,
-    DatasetLibraryOption,
-    SeedOption,
-    SplitOption,
-    console,
-    open_library,
-    prepare_folder,
-    progress_bars,
-)
-from packit_sim.cli.output import print_written, simple_table, write_json
+import packit_sim
+from packit_sim.cli.help import group
+from packit_sim.cli.options import DatasetArgument, DatasetLibraryOption, SeedOption, SplitOption
 from packit_sim.core.errors import ArgumentError, PackItError
-from packit_sim.core.files import replace_text
-from packit_sim.game.datasets import datasheet, statistics
-from packit_sim.game.datasets.manifests import Manifest, manifest_path
-from packit_sim.game.datasets.original import Original, read_original
-from packit_sim.game.datasets.pack_files import BUILTIN_DATASETS, WHOLE, dataset_files, write_packs
-from packit_sim.game.datasets.statistics import DatasetStatistics
-from packit_sim.game.generation.sequences import SequenceSampler
-from packit_sim.game.reports import statistics_plot
-from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.render import plots
+from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.game.datasets.builtin import BUILTIN_DATASETS
+
+with lazy_imports():
+    from rich import markup
+    from rich import table as rich_table
+
+    from packit_sim.cli import inputs, output, terminal
+    from packit_sim.core import files as core_files
+    from packit_sim.game.datasets import datasheet, manifests, pack_files, statistics
+    from packit_sim.game.datasets import original as original_packs
+    from packit_sim.game.reports import statistics_plot
+    from packit_sim.render import plots
 
 MAX_ROWS = 40
 """Maximum rows of the table of items without a shape; the report contains all."""
 
-app = typer.Typer(
-    help="List and describe datasets, and read those of the original PackIt.", no_args_is_help=True
-)
+app = group("List and describe datasets, and read those of the original PackIt.")
 
 
 @app.command("list")
@@ -47,16 +38,16 @@ def list_command() -> None:
 
     Example: packit datasets list
     """
-    table = simple_table("dataset", "split", "packs", "library", "description")
+    table = output.simple_table("dataset", "split", "packs", "library", "description")
     for name, what in BUILTIN_DATASETS.items():
-        for file in dataset_files(name):
-            manifest = Manifest.read(manifest_path(file))
+        for file in pack_files.dataset_files(name):
+            manifest = manifests.Manifest.read(manifests.manifest_path(file))
             libraries = ", ".join(f"{ref.name} {ref.version}" for ref in manifest.libraries)
-            split = "" if file.stem == WHOLE else file.stem
+            split = "" if file.stem == pack_files.WHOLE else file.stem
             table.add_row(name, split, str(manifest.packs), libraries, what)
             name = what = ""
-    console.print(table)
-    console.print(
+    terminal.console.print(table)
+    terminal.console.print(
         "Your own: the folder or file that `packit generate` or `packit evaluate` wrote.",
         highlight=False,
     )
@@ -78,17 +69,19 @@ def stats(
     """
     if out is not None:
         plots.require()
-        prepare_folder(out, dataset)
+        output.prepare_folder(out, dataset)
     if json_ is not None:
-        prepare_folder(json_, dataset)
-    counted = statistics.take(dataset, open_library(library, dataset, split), split)
-    console.print(_statistics_table(counted))
-    console.print("intervals: of means, by bootstrap over packs; volumes: shares of the box")
+        output.prepare_folder(json_, dataset)
+    counted = statistics.take(dataset, inputs.open_library(library, dataset, split), split)
+    terminal.console.print(_statistics_table(counted))
+    terminal.console.print(
+        "intervals: of means, by bootstrap over packs; volumes: shares of the box"
+    )
     if out is not None:
         statistics_plot.save(counted, out)
-        print_written(out)
+        output.print_written(out)
     if json_ is not None:
-        write_json(json_, {one.split: one.to_json() for one in counted})
+        output.write_json(json_, {one.split: one.to_json() for one in counted})
 
 
 @app.command("datasheet")
@@ -109,9 +102,9 @@ def datasheet_command(
     picture = out.with_suffix(".png")
     if picture == out:
         raise PackItError(f"{out} is the file of the picture: choose a name that ends in .md")
-    prepare_folder(out, dataset)
-    prepare_folder(picture, dataset)
-    opened = open_library(library, dataset)
+    output.prepare_folder(out, dataset)
+    output.prepare_folder(picture, dataset)
+    opened = inputs.open_library(library, dataset)
     parts = datasheet.read(dataset, opened)
     text = datasheet.page(
         dataset,
@@ -122,8 +115,8 @@ def datasheet_command(
         opened_as=library or opened.locator,
     )
     statistics_plot.save([part.statistics for part in parts], picture)
-    replace_text(out, text)
-    print_written(out, f" and {picture}")
+    core_files.replace_text(out, text)
+    output.print_written(out, f" and {picture}")
 
 
 @app.command()
@@ -152,11 +145,13 @@ def sequences(
     """
     if out.is_file():
         raise ArgumentError(f"--out {out} is a file: choose a folder for the dataset")
-    sampler = SequenceSampler(ShapeLibrary.open(library), cells, step_cm, items)
-    file = out / f"{WHOLE}.jsonl"
-    prepare_folder(file)
-    write_packs(file, [sampler.pack(seed + n) for n in range(count)])
-    print_written(file, f": {count} sequences")
+    sampler = packit_sim.SequenceSampler(
+        packit_sim.ShapeLibrary.open(library), cells, step_cm, items
+    )
+    file = out / f"{pack_files.WHOLE}.jsonl"
+    output.prepare_folder(file)
+    packit_sim.write_packs(file, [sampler.pack(seed + n) for n in range(count)])
+    output.print_written(file, f": {count} sequences")
 
 
 @app.command()
@@ -183,55 +178,57 @@ def original(
 
     Example: packit datasets original packs/ --library shapenet:ShapeNetCore.v2 --out tasks.jsonl
     """
-    prepare_folder(out, *files)
+    output.prepare_folder(out, *files)
     if report is not None:
-        prepare_folder(report, *files)
-    opened = ShapeLibrary.open(library)
-    with progress_bars() as progress:
+        output.prepare_folder(report, *files)
+    opened = packit_sim.ShapeLibrary.open(library)
+    with terminal.progress_bars() as progress:
         bar = progress.add_task("reading", total=None, note="")
 
         def advance(file: str, number: int) -> None:
-            progress.update(bar, advance=1, note=f"{escape(file)}, pack {number}")
+            progress.update(bar, advance=1, note=f"{markup.escape(file)}, pack {number}")
 
         read = [
-            read_original(file, opened, partial=partial, on_pack=advance)
+            packit_sim.read_original(file, opened, partial=partial, on_pack=advance)
             for file in dict.fromkeys(files)
         ]
-    found = Original(
+    found = original_packs.Original(
         tuple(task for one in read for task in one.tasks),
         sum(one.packs for one in read),
         tuple(problem for one in read for problem in one.unresolved),
     )
     if found.unresolved:
-        console.print(_unresolved(found))
-    console.print(found.summary(), highlight=False)
+        terminal.console.print(_unresolved(found))
+    terminal.console.print(found.summary(), highlight=False)
     if report is not None:
-        rows = [dict(zip(Original.COLUMNS, row, strict=True)) for row in found.rows()]
-        write_json(report, {"summary": found.summary(), "unresolved": rows})
+        rows = [
+            dict(zip(original_packs.Original.COLUMNS, row, strict=True)) for row in found.rows()
+        ]
+        output.write_json(report, {"summary": found.summary(), "unresolved": rows})
     if not found.tasks:
         hint = "" if partial else ": --partial keeps the items that have a shape"
         raise PackItError(f"none of the {found.packs} packs has all of its shapes{hint}")
-    write_packs(out, [task.pack for task in found.tasks])
-    print_written(out, f": {len(found.tasks)} tasks")
+    packit_sim.write_packs(out, [task.pack for task in found.tasks])
+    output.print_written(out, f": {len(found.tasks)} tasks")
 
 
-def _statistics_table(counted: Sequence[DatasetStatistics]) -> Table:
+def _statistics_table(counted: Sequence[statistics.DatasetStatistics]) -> rich_table.Table:
     """Create a table with a column for each split."""
     columns = [one.rows() for one in counted]
-    table = simple_table()
+    table = output.simple_table()
     table.add_column(no_wrap=True)
     for one in counted:
-        table.add_column(escape(one.split), overflow="fold")
+        table.add_column(markup.escape(one.split), overflow="fold")
     for name in dict.fromkeys(name for column in columns for name in column):
-        table.add_row(name, *(escape(column.get(name, "")) for column in columns))
+        table.add_row(name, *(markup.escape(column.get(name, "")) for column in columns))
     return table
 
 
-def _unresolved(found: Original) -> Table:
-    table = simple_table(*Original.COLUMNS)
+def _unresolved(found: original_packs.Original) -> rich_table.Table:
+    table = output.simple_table(*original_packs.Original.COLUMNS)
     rows = found.rows()
     for row in rows[:MAX_ROWS]:
-        table.add_row(*map(escape, row))
+        table.add_row(*map(markup.escape, row))
     if len(rows) > MAX_ROWS:
         table.caption = f"and {len(rows) - MAX_ROWS} more: --report writes all"
     return table

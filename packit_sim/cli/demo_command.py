@@ -8,20 +8,17 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
-from packit_sim.cli.console import SeedOption, console, prepare_folder, progress_bars
-from packit_sim.cli.evaluation_commands import HEURISTICS, evaluate_shown
-from packit_sim.cli.generation_commands import evolve_shown
-from packit_sim.cli.output import print_written, simple_table
+import packit_sim
+from packit_sim.cli.options import SeedOption
+from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
-from packit_sim.game.datasets.pack_checks import verify
-from packit_sim.game.datasets.pack_files import write_packs
-from packit_sim.game.datasets.packs import Pack
-from packit_sim.game.episodes.agents import Agent
-from packit_sim.game.evaluation.results import Rollout
-from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.scene import Scene
+
+with lazy_imports():
+    from rich import table as rich_table
+
+    from packit_sim.cli import evaluations, generation_progress, output, terminal
+    from packit_sim.game.datasets import pack_checks
 
 DEMO_SEED = 7
 """A seed whose pool contains few slender shapes, so that the box gets full."""
@@ -44,60 +41,62 @@ def demo_command(
 ) -> None:
     """Evolve a pack, let heuristic agents repack its items, and draw the results."""
     started = time.perf_counter()
-    prepare_folder(out / "packs.jsonl")
-    library = ShapeLibrary.open("everyday")
-    console.print(
+    output.prepare_folder(out / "packs.jsonl")
+    library = packit_sim.ShapeLibrary.open("everyday")
+    terminal.console.print(
         f"Library [bold]{library.name}[/] {library.version}: {len(library)} shapes "
         f"in {len(library.categories)} categories"
     )
     settings = EvolutionSettings(generations=generations, size_range=DEMO_SIZE)
-    pack = evolve_shown(library, seed, settings).best
-    agents = [Agent.from_name(name) for name in HEURISTICS]
-    rollouts = evaluate_shown(agents, [pack.task(library)], seed)
+    pack = generation_progress.evolve_shown(library, seed, settings).best
+    agents = [packit_sim.Agent.from_name(name) for name in evaluations.HEURISTICS]
+    rollouts = evaluations.evaluate_shown(agents, [pack.task(library)], seed)
     problems = _verify([pack, *(rollout.pack for rollout in rollouts)], library)
 
-    console.print(_rollout_table(pack, rollouts, problems))
+    terminal.console.print(_rollout_table(pack, rollouts, problems))
     results = {"packs.jsonl": [pack], "results.jsonl": [rollout.pack for rollout in rollouts]}
     for name, packs in results.items():
-        write_packs(out / name, packs)
-        print_written(out / name)
+        packit_sim.write_packs(out / name, packs)
+        output.print_written(out / name)
     ranked = sorted(rollouts, key=lambda rollout: rollout.total)
     for name, shown in (("truth", pack), ("best", ranked[-1].pack), ("worst", ranked[0].pack)):
         renderer = _draw(shown, library, out / f"{name}.png")
-        print_written(out / f"{name}.png")
-    console.print(
+        output.print_written(out / f"{name}.png")
+    terminal.console.print(
         f"Pictures by the {renderer} renderer. Done in {time.perf_counter() - started:.0f} s."
     )
     if any(problems):
         raise typer.Exit(1)
 
 
-def _verify(packs: Sequence[Pack], library: ShapeLibrary) -> list[list[str]]:
+def _verify(packs: Sequence[packit_sim.Pack], library: packit_sim.ShapeLibrary) -> list[list[str]]:
     """Return the problems of each pack."""
-    with progress_bars() as progress:
+    with terminal.progress_bars() as progress:
         bar = progress.add_task("verifying", total=len(packs), note="")
         problems = []
         for pack in packs:
-            problems.append(verify(pack, library))
+            problems.append(pack_checks.verify(pack, library))
             progress.advance(bar)
     return problems
 
 
-def _draw(pack: Pack, library: ShapeLibrary, path: Path) -> str:
+def _draw(pack: packit_sim.Pack, library: packit_sim.ShapeLibrary, path: Path) -> str:
     """Draw a pack and return the renderer's name."""
-    with Scene(pack.replay(library)) as scene:
+    with packit_sim.Scene(pack.replay(library)) as scene:
         snapshot = scene.snapshot(PICTURE_SIDE, PICTURE_SIDE)
     snapshot.save(path)
     return snapshot.renderer
 
 
 def _rollout_table(
-    truth: Pack, rollouts: Sequence[Rollout], problems: Sequence[Sequence[str]]
-) -> Table:
+    truth: packit_sim.Pack,
+    rollouts: Sequence[packit_sim.Rollout],
+    problems: Sequence[Sequence[str]],
+) -> rich_table.Table:
     """Create a table of the ground truth, whose problems come first, and of each rollout."""
-    table = simple_table("agent", "return", "items", "density", "oracle", "ended")
+    table = output.simple_table("agent", "return", "items", "density", "oracle", "ended")
 
-    def add(name: str, total: float, pack: Pack, found: Sequence[str], why: str) -> None:
+    def add(name: str, total: float, pack: packit_sim.Pack, found: Sequence[str], why: str) -> None:
         table.add_row(
             name,
             f"{total:.3f}",

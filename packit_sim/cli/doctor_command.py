@@ -7,11 +7,13 @@ from dataclasses import asdict
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from packit_sim.cli.console import console
-from packit_sim.cli.machine_checks import MachineCheck, all_checks
-from packit_sim.cli.output import simple_table
+from packit_sim.core.lazy_imports import lazy_imports
+
+with lazy_imports():
+    from rich import markup
+
+    from packit_sim.cli import machine_checks, output, terminal
 
 _OWN = 3
 """Checks of the installation itself, before those of packages."""
@@ -29,7 +31,7 @@ def doctor_command(
 
     Example: packit doctor --json
     """
-    checks = all_checks()
+    checks = machine_checks.all_checks()
     broken = [check for check in checks if check.required and check.status != "ok"]
     if as_json:
         found = {"works": not broken, "checks": [asdict(check) for check in checks]}
@@ -40,18 +42,18 @@ def doctor_command(
         raise typer.Exit(1)
 
 
-def _print(checks: list[MachineCheck]) -> None:
+def _print(checks: list[machine_checks.MachineCheck]) -> None:
     """Print a table; required packages that work share a row."""
     works = [check for check in checks if check.required and check.status == "ok"]
     rows = [check for check in checks if check not in works]
-    table = simple_table("", "", "found", "remedy")
+    table = output.simple_table("", "", "found", "remedy")
     for column in table.columns[2:]:
         column.overflow = "fold"
     for check in works[:_OWN]:
-        table.add_row(check.name, "[green]ok[/]", escape(check.found), "")
+        table.add_row(check.name, "[green]ok[/]", markup.escape(check.found), "")
     names = ", ".join(f"{check.name} {check.found}" for check in works[_OWN:])
-    table.add_row("required packages", "[green]ok[/]", escape(names), "")
+    table.add_row("required packages", "[green]ok[/]", markup.escape(names), "")
     for check in rows:
         status = f"[{_STYLES[check.status]}]{check.status}[/]"
-        table.add_row(check.name, status, escape(check.found), escape(check.remedy))
-    console.print(table)
+        table.add_row(check.name, status, markup.escape(check.found), markup.escape(check.remedy))
+    terminal.console.print(table)

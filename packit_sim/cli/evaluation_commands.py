@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
-from packit_sim.cli.console import (
+import packit_sim
+from packit_sim.cli import completion
+from packit_sim.cli.options import (
     AddressOption,
     BackendOption,
     DatasetArgument,
@@ -20,35 +19,19 @@ from packit_sim.cli.console import (
     SeedOption,
     SplitOption,
     WorkersOption,
-    console,
-    decompose_shown,
-    open_library,
-    prepare_folder,
-    progress_bars,
 )
-from packit_sim.cli.output import RESUMABLE, check_shown, print_written, simple_table, stoppable
-from packit_sim.core.confidence import Comparison, Estimate
-from packit_sim.core.errors import ArgumentError, MeshError
-from packit_sim.core.parallel import Workers
-from packit_sim.game.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
-from packit_sim.game.datasets.packs import Task
-from packit_sim.game.episodes.agents import Agent
-from packit_sim.game.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
-from packit_sim.game.evaluation.judging import SCORES, is_judged, judge
-from packit_sim.game.evaluation.results import Rollout, read_results
-from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.physics.convex.decomposition import require
-from packit_sim.physics.convex.settings import METHODS, DecompositionSettings, Method
+from packit_sim.cli.stopping import RESUMABLE, stoppable
+from packit_sim.core.choices import RotationSet
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.game.datasets.builtin import STARTER_PACKS
+from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
 from packit_sim.physics.settings import PhysicsSettings
-from packit_sim.rules import PACKIT, RotationSet, Rules
 
-HEURISTICS = tuple(
-    "/".join(parts)
-    for parts in itertools.product(
-        ("random", "largest-first"), ("random", "aligned"), ("random", "blbf")
-    )
-)
-"""Every combination of the paper's heuristics."""
+with lazy_imports():
+    from packit_sim.cli import evaluations, inputs, output, terminal
+    from packit_sim.core import parallel
+    from packit_sim.physics.convex import decomposition as convex
 
 
 def evaluate_command(
@@ -57,9 +40,10 @@ def evaluate_command(
     agent: Annotated[
         list[str] | None,
         typer.Option(
+            autocompletion=completion.agents,
             help="Agent SHAPE/ROTATION/LOCATION with an optional +SEARCH=VALUE, such as "
             "largest-first/aligned/blbf+beam=4 (see `packit agents list`); may be repeated; "
-            "default: the paper's eight heuristics."
+            "default: the paper's eight heuristics.",
         ),
     ] = None,
     seed: SeedOption = 0,
@@ -110,58 +94,48 @@ def evaluate_command(
         raise ArgumentError("--scores and --physics exclude each other: items already settled")
     settings = DecompositionSettings(method=decomposition)
     if scores or physics:
-        require(settings)
+        convex.require(settings)
     world = PhysicsSettings(decomposition=settings) if physics else None
-    rules = Rules(easy, kinematic, world, buffer=buffer, rotations=rotations)
-    agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
-    opened = open_library(library, dataset, split)
-    numbered = _usable_tasks(dataset, opened, split, tasks)
+    rules = packit_sim.Rules(easy, kinematic, world, buffer=buffer, rotations=rotations)
+    agents = [
+        packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or evaluations.HEURISTICS)
+    ]
+    opened = inputs.open_library(library, dataset, split)
+    numbered = evaluations.usable_tasks(dataset, opened, split, tasks)
     wanted, numbers = list(numbered.values()), list(numbered)
     if out is not None:
-        prepare_folder(out, dataset)
+        output.prepare_folder(out, dataset)
     hint = RESUMABLE if out else "no results file was given"
-    with stoppable(hint), Workers(workers, backend, address) as processes:
+    with stoppable(hint), parallel.Workers(workers, backend, address) as processes:
         if (physics or scores) and backend == "loky":  # a cluster's machines have other caches
             shapes = [item.shape for task in wanted for item in task.items]
-            decompose_shown(shapes, settings, workers)
-        rollouts = evaluate_shown(
+            inputs.decompose_shown(shapes, settings, workers)
+        rollouts = evaluations.evaluate_shown(
             agents, wanted, seed, rules, workers=processes, file=out, numbers=numbers
         )
         if scores:
-            rollouts = judge_shown(rollouts, opened, decomposition, workers=processes, file=out)
-    show_agents(agent.name for agent in agents)
-    table = score_table([Score.of(agent.name, rollouts) for agent in agents])
+            rollouts = evaluations.judge_shown(
+                rollouts, opened, decomposition, workers=processes, file=out
+            )
+    evaluations.show_agents(agent.name for agent in agents)
+    table = evaluations.score_table([packit_sim.Score.of(agent.name, rollouts) for agent in agents])
     table.caption = (
         f"tasks: {len(wanted)}, seed: {seed}, rules: {rules}; below each mean its 95% bootstrap "
         "interval; s: median processor seconds a task"
     )
-    console.print(table)
-    own = [_of(rollouts, agent.name) for agent in agents]
+    terminal.console.print(table)
+    own = [evaluations.of_agent(rollouts, agent.name) for agent in agents]
     if scores:
-        console.print(verdict_table(own))
+        terminal.console.print(evaluations.verdict_table(own))
     if len(own) > 1:
         others = enumerate(own[1:], start=2)
-        console.print(comparison_table((n, 1, compare(each, own[0])) for n, each in others))
-    if out is not None:
-        print_written(out)
-
-
-def _usable_tasks(
-    dataset: str, library: ShapeLibrary, split: str | None, limit: int | None
-) -> dict[int, Task]:
-    """Load tasks by their numbers, and print those with a mesh that can't be used."""
-    packs = read_packs(dataset_file(dataset, split))[:limit]
-    tasks = {}
-    for number, pack in enumerate(packs):
-        try:
-            tasks[number] = pack.task(library)
-        except MeshError as error:
-            console.print(
-                f"skipped task {number}: {error}", style="yellow", markup=False, soft_wrap=True
+        terminal.console.print(
+            evaluations.comparison_table(
+                (n, 1, packit_sim.compare(each, own[0])) for n, each in others
             )
-    if not tasks:
-        raise MeshError(f"{dataset}: each of its {len(packs)} tasks has a mesh that can't be used")
-    return tasks
+        )
+    if out is not None:
+        output.print_written(out)
 
 
 def compare_command(
@@ -187,10 +161,13 @@ def compare_command(
     """
     if len(results) > 2:
         raise ArgumentError(f"{len(results)} files can't be compared: give one or two")
-    found = [read_results(file) for file in results]
+    found = [packit_sim.read_results(file) for file in results]
     for file, rollouts in zip(results, found, strict=True):
-        check_shown(file, rollouts)
-    played = [[(name, _of(each, name)) for name in _agents(each)] for each in found]
+        inputs.check_shown(file, rollouts)
+    played = [
+        [(name, evaluations.of_agent(each, name)) for name in evaluations.agents_of(each)]
+        for each in found
+    ]
     numbered = list(enumerate(itertools.chain(*played), start=1))
     if len(played) == 1:
         pairs = list(itertools.combinations(numbered, 2))
@@ -200,135 +177,8 @@ def compare_command(
         count = len(played[0])
         pairs = list(itertools.product(numbered[:count], numbered[count:]))
     try:
-        rows = [(n, m, compare(a, b, seconds)) for (n, (_, a)), (m, (_, b)) in pairs]
+        rows = [(n, m, packit_sim.compare(a, b, seconds)) for (n, (_, a)), (m, (_, b)) in pairs]
     except ArgumentError as error:
         raise ArgumentError(f"{' and '.join(map(str, results))}: {error}") from None
-    show_agents(name for _, (name, _) in numbered)
-    console.print(comparison_table(rows))
-
-
-def evaluate_shown(
-    agents: Sequence[Agent],
-    tasks: Sequence[Task],
-    seed: int,
-    rules: Rules = PACKIT,
-    *,
-    workers: Workers | None = None,
-    file: Path | None = None,
-    numbers: Sequence[int] | None = None,
-) -> list[Rollout]:
-    """Evaluate agents as `evaluate` does, with a progress bar."""
-    with progress_bars() as progress:
-        total = len(agents) * len(tasks)
-        bar = progress.add_task("playing", total=total, note="")
-        played = 0
-
-        def show(rollout: Rollout) -> None:
-            nonlocal played
-            played += 1
-            progress.update(bar, completed=played, note=rollout.agent)
-
-        rollouts = evaluate(
-            agents, tasks, seed, show, rules=rules, workers=workers, file=file, numbers=numbers
-        )
-        progress.update(bar, completed=total, note="")
-    return rollouts
-
-
-def judge_shown(
-    rollouts: Sequence[Rollout],
-    library: ShapeLibrary,
-    pieces: Method,
-    *,
-    workers: Workers | None = None,
-    file: Path | None = None,
-) -> list[Rollout]:
-    """Judge results as `judge` does, with a progress bar."""
-    with progress_bars() as progress:
-        known = sum(is_judged(rollout, pieces) for rollout in rollouts)
-        bar = progress.add_task("judging", total=len(rollouts), completed=known, note="")
-
-        def show(rollout: Rollout) -> None:
-            progress.update(bar, advance=1, note=rollout.agent)
-
-        judged = judge(rollouts, library, pieces, show, workers=workers, file=file)
-        progress.update(bar, note="")
-    return judged
-
-
-def score_table(scores: Sequence[Score]) -> Table:
-    """Create the paper's table 1, one row per agent, by its number."""
-    levels = (f"S@{x:g}" for x in SUCCESS_LEVELS)
-    table = _number_table("", "reward", *levels, "density", "s")
-    for number, score in enumerate(scores, start=1):
-        table.add_row(
-            str(number),
-            interval(score.reward, ".3f", ".2f"),
-            *(interval(estimate, ".1f", ".0f") for estimate in score.success.values()),
-            interval(score.density, ".3f", ".2f"),
-            f"{score.seconds:.2g}",
-        )
-    return table
-
-
-def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
-    """Create a table of scores, one row per agent, by its number, from its rollouts."""
-    table = _number_table("", "density", "reward", *SCORES)
-    for number, rollouts in enumerate(own, start=1):
-        score = Score.of(rollouts[0].agent, rollouts)
-        estimates = [Estimate.of([r.played.scores[name] for r in rollouts]) for name in SCORES]
-        cells = [interval(estimate, ".3f", ".2f") for estimate in (score.density, score.reward)]
-        cells += [interval(estimate, ".3f", ".2f") for estimate in estimates]
-        table.add_row(str(number), *cells)
-    table.caption = (
-        f"boxes of {len(own[0])} tasks after the last step: shares of the placed volume, and "
-        "the number of floating items; below each mean its 95% bootstrap interval"
-    )
-    return table
-
-
-def comparison_table(
-    comparisons: Iterable[tuple[int | str, int | str, Comparison]],
-) -> Table:
-    """Create a table of pairs of agents, by their numbers."""
-    table = _number_table("", "against", "tasks", "difference", "ratio", "wins", "ties", "losses")
-    for first, second, found in comparisons:
-        table.add_row(
-            str(first),
-            str(second),
-            str(found.pairs),
-            interval(found.difference, "+.3f", "+.3f"),
-            interval(found.ratio, ".3f", ".3f"),
-            *map(str, (found.wins, found.ties, found.losses)),
-        )
-    table.caption = "returns on the same tasks; below each mean its 95% bootstrap interval"
-    return table
-
-
-def interval(estimate: Estimate, mean_spec: str, spec: str) -> str:
-    """Format a mean with its interval below it."""
-    mean = format(estimate.mean, mean_spec)
-    if estimate.low is None or estimate.high is None:
-        return mean
-    return f"{mean}\n[dim]{format(estimate.low, spec)} {format(estimate.high, spec)}[/]"
-
-
-def _number_table(*columns: str) -> Table:
-    table = simple_table(padding=(0, 1, 0, 0))
-    for column in columns:
-        table.add_column(column, justify="right", no_wrap=True)
-    return table
-
-
-def show_agents(names: Iterable[str]) -> None:
-    """Print the agents behind the numbers of a table."""
-    for number, name in enumerate(names, start=1):
-        console.print(f"[bold]{number}[/] {escape(name)}", highlight=False, soft_wrap=True)
-
-
-def _agents(rollouts: Iterable[Rollout]) -> list[str]:
-    return list(dict.fromkeys(rollout.agent for rollout in rollouts))
-
-
-def _of(rollouts: Iterable[Rollout], agent: str) -> list[Rollout]:
-    return [rollout for rollout in rollouts if rollout.agent == agent]
+    evaluations.show_agents(name for _, (name, _) in numbered)
+    terminal.console.print(evaluations.comparison_table(rows))

@@ -8,24 +8,21 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.console import (
-    DatasetArgument,
-    DatasetLibraryOption,
-    SeedOption,
-    SplitOption,
-    open_library,
-    prepare_folder,
-)
-from packit_sim.cli.evaluation_commands import evaluate_shown
-from packit_sim.cli.generation_commands import evolve_shown
-from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
-from packit_sim.cli.picture_commands import PackOption, picked
+import packit_sim
+from packit_sim.cli import completion
+from packit_sim.cli.options import DatasetArgument, DatasetLibraryOption, SeedOption, SplitOption
+from packit_sim.cli.picture_commands import PackOption
+from packit_sim.cli.stopping import NOTHING_WRITTEN, stoppable
+from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.game.datasets.builtin import STARTER_PACKS
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
-from packit_sim.game.datasets.pack_files import STARTER_PACKS, dataset_files, load_tasks, read_packs
-from packit_sim.game.episodes.agents import Agent
-from packit_sim.game.paper import figures
-from packit_sim.game.paper.reproduction import HEURISTIC
-from packit_sim.render import plots
+from packit_sim.game.paper.names import HEURISTIC
+
+with lazy_imports():
+    from packit_sim.cli import evaluations, generation_progress, inputs, output, shown_boxes
+    from packit_sim.game.datasets import pack_files
+    from packit_sim.game.paper import figures
+    from packit_sim.render import plots
 
 
 class FigureName(enum.StrEnum):
@@ -56,7 +53,9 @@ def figures_command(
         ),
     ] = None,
     generations: Annotated[int, typer.Option(min=0, help="Generations of that evolution.")] = 100,
-    agent: Annotated[str, typer.Option(help="Agent of the rollouts.")] = HEURISTIC,
+    agent: Annotated[
+        str, typer.Option(autocompletion=completion.agents, help="Agent of the rollouts.")
+    ] = HEURISTIC,
     tasks: Annotated[int, typer.Option(min=1, help="Let it play only the first N tasks.")] = 40,
     seed: SeedOption = 0,
 ) -> None:
@@ -68,13 +67,13 @@ def figures_command(
     Example: packit figures starter --only task --only looks --out figures
     """
     plots.require()
-    opened = open_library(library, dataset, split)
-    player = Agent.from_name(agent)
+    opened = inputs.open_library(library, dataset, split)
+    player = packit_sim.Agent.from_name(agent)
     wanted = dict.fromkeys(only or FigureName)
     paths = {name: out / f"figure-{name}.png" for name in wanted}
     for path in paths.values():
-        prepare_folder(path)
-    chosen = picked(dataset, split, pack)
+        output.prepare_folder(path)
+    chosen = shown_boxes.picked(dataset, split, pack)
     with stoppable(NOTHING_WRITTEN):
         for name, path in paths.items():
             if name is FigureName.LOOKS:
@@ -85,14 +84,16 @@ def figures_command(
                 figures.draw_environment(chosen.task(opened), path)
             elif name is FigureName.EVOLUTION:
                 if history_dataset is None:
-                    kept = evolve_shown(
+                    kept = generation_progress.evolve_shown(
                         opened, seed, EvolutionSettings(generations=generations)
                     ).kept
                 else:
-                    kept = figures.first_evolution(read_packs(dataset_files(history_dataset)[0]))
+                    kept = figures.first_evolution(
+                        packit_sim.read_packs(pack_files.dataset_files(history_dataset)[0])
+                    )
                 figures.draw_evolution(kept, opened, path)
             else:
-                played = load_tasks(dataset, opened, split)[:tasks]
-                rollouts = evaluate_shown([player], played, seed)
+                played = packit_sim.load_tasks(dataset, opened, split)[:tasks]
+                rollouts = evaluations.evaluate_shown([player], played, seed)
                 figures.draw_rollouts(rollouts, played, opened, path)
-            print_written(path)
+            output.print_written(path)

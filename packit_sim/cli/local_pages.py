@@ -10,8 +10,11 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.console import console
+from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.web.origins import LOOPBACK
+
+with lazy_imports():
+    from packit_sim.cli import terminal
 
 HostOption = Annotated[
     str, typer.Option(help="Address to listen on; 0.0.0.0 allows other machines.")
@@ -45,10 +48,10 @@ def serve_until_interrupt(what: str, address: str, host: str, browser: bool) -> 
     """
     has_screen = any(os.environ.get(name) for name in _DISPLAYS)
     with suppress(KeyboardInterrupt):
-        console.print(f"{what} is shown at {address} until Ctrl-C", soft_wrap=True)
+        terminal.console.print(f"{what} is shown at {address} until Ctrl-C", soft_wrap=True)
         if host == LOOPBACK and not has_screen:
             number = address.rpartition(":")[2]
-            console.print(
+            terminal.console.print(
                 "there is no screen here: open the address in a browser on this machine, or on "
                 f"yours after ssh -L {number}:{LOOPBACK}:{number} THIS_MACHINE",
                 soft_wrap=True,

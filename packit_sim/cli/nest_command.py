@@ -10,37 +10,33 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.console import (
+import packit_sim
+from packit_sim.cli import completion
+from packit_sim.cli.options import (
     AddressOption,
     SearchBackendOption,
     SeedOption,
     TimeOption,
     WorkersOption,
-    console,
-    prepare_folder,
-    progress_bars,
     read_seconds,
 )
-from packit_sim.cli.output import NOTHING_WRITTEN, print_written, simple_table, stoppable
+from packit_sim.cli.stopping import NOTHING_WRITTEN, stoppable
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.files import require_replaceable
-from packit_sim.parts.handling.restacking import separated
-from packit_sim.parts.handling.separability import links_of_items
-from packit_sim.parts.nesting.nest import NestSettings, nest
-from packit_sim.parts.packings import rotation_sets
-from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
-from packit_sim.parts.packings.containers import BoxContainer
-from packit_sim.parts.packings.instances import (
-    instances_in,
-    read_instance,
-    require_free_instance,
-    write_instance,
-    write_solution,
-)
-from packit_sim.parts.packings.item_types import ItemType
-from packit_sim.parts.packings.mesh_paths import MAX_LEVELS
-from packit_sim.parts.packings.packing import Packing
-from packit_sim.parts.packings.packing_files import require_free_meshes
+from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.core.suggestions import did_you_mean
+from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
+
+with lazy_imports():
+    from packit_sim.cli import output, terminal
+    from packit_sim.core import files as core_files
+    from packit_sim.parts.handling import restacking, separability
+    from packit_sim.parts.packings import (
+        builtin_instances,
+        instances,
+        mesh_paths,
+        packing_files,
+        rotation_sets,
+    )
 
 _SEPARATED = 5
 """Packings, the best ones, of which the lowest is chosen if parts interlock."""
@@ -51,8 +47,9 @@ def nest_command(
         str,
         typer.Argument(
             metavar="INSTANCE",
+            autocompletion=completion.instances,
             help="Strip-packing instance: a .json file, or the name of a built-in one: "
-            f"{', '.join(builtin_names())}.",
+            f"{', '.join(BUILTIN_NAMES)}.",
         ),
     ],
     rotations: Annotated[
@@ -113,7 +110,7 @@ def nest_command(
         if file is not None:
             if file.is_dir():
                 raise ArgumentError(f"{file} is a folder: choose a file to write")
-            prepare_folder(file, instance, field=field)
+            output.prepare_folder(file, instance, field=field)
     for option, json_file in (("--packing", packing), ("--instance-out", instance_out)):
         if json_file is not None and json_file.suffix != ".json":
             raise ArgumentError(f"{option} {json_file} is not possible: choose a .json file")
@@ -122,24 +119,24 @@ def nest_command(
     if len(set(files)) < len(files):
         raise ArgumentError("two outputs have the same name: choose a name for each")
     for file in files:
-        require_replaceable(file, [each.file for each in types if each.file is not None])
+        core_files.require_replaceable(file, [each.file for each in types if each.file is not None])
     if instance_out is not None:
-        require_free_instance(types, instance_out)
+        instances.require_free_instance(types, instance_out)
     if packing is not None:
-        require_free_meshes(types, packing)
-    settings = NestSettings(workers, backend, address, iterations)
+        packing_files.require_free_meshes(types, packing)
+    settings = packit_sim.NestSettings(workers, backend, address, iterations)
     start = clock.perf_counter()
-    with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
+    with stoppable(NOTHING_WRITTEN), terminal.progress_bars() as progress:
         bar = progress.add_task("nesting", total=None, note="")
 
-        last: deque[Packing] = deque(maxlen=_SEPARATED)
+        last: deque[packit_sim.Packing] = deque(maxlen=_SEPARATED)
 
-        def show(better: Packing, _: float) -> None:
+        def show(better: packit_sim.Packing, _: float) -> None:
             last.appendleft(better)
             note = f"height {better.height:.6g}, density {better.density:.3f}"
             progress.update(bar, advance=1, note=note)
 
-        found = nest(
+        found = packit_sim.nest(
             types,
             container,
             time=seconds,
@@ -150,7 +147,7 @@ def nest_command(
         )
         if separable:
             found = _lowest_separated(last)
-    table = simple_table("height", "density", "items", "seconds", "valid")
+    table = output.simple_table("height", "density", "items", "seconds", "valid")
     table.add_row(
         f"{found.height:.6g}",
         f"{found.density:.4f}",
@@ -158,32 +155,37 @@ def nest_command(
         f"{clock.perf_counter() - start:.1f}",
         "no" if found.problems() else "yes",
     )
-    console.print(table)
-    console.print(
-        f"linked pairs: {links_of_items(found)}", markup=False, highlight=False, soft_wrap=True
+    terminal.console.print(table)
+    terminal.console.print(
+        f"linked pairs: {separability.links_of_items(found)}",
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
     )
     if instance_out is not None:
-        write_instance(types, container, instance_out)
-        print_written(instance_out)
+        instances.write_instance(types, container, instance_out)
+        output.print_written(instance_out)
     if out is not None:
         name = f"{instance}.json"  # of a built-in one that is not written
-        if instance_out is not None or instance not in builtin_names():
+        if instance_out is not None or instance not in BUILTIN_NAMES:
             name = _instance_path(instance_out or Path(instance), out)
-        write_solution(found, out, name)
-        print_written(out)
+        instances.write_solution(found, out, name)
+        output.print_written(out)
     if packing is not None:
         found.write(packing)
-        print_written(packing)
+        output.print_written(packing)
 
 
-def _read(instance: str, rotations: str) -> tuple[tuple[ItemType, ...], BoxContainer]:
+def _read(
+    instance: str, rotations: str
+) -> tuple[tuple[packit_sim.ItemType, ...], packit_sim.BoxContainer]:
     """Read an instance: a path, or the name of a built-in one."""
-    if instance in builtin_names():
-        built_in = builtin_instance(instance, rotations)
+    if instance in BUILTIN_NAMES:
+        built_in = builtin_instances.builtin_instance(instance, rotations)
         return built_in.types, built_in.container
     path = Path(instance)
     if path.is_dir():
-        found = instances_in(path)
+        found = instances.instances_in(path)
         if not found:
             raise ArgumentError(f"{path} is a folder without a strip-packing instance")
         names = ", ".join(repr(file.relative_to(path).as_posix()) for file in found)
@@ -193,17 +195,17 @@ def _read(instance: str, rotations: str) -> tuple[tuple[ItemType, ...], BoxConta
         )
     if path.suffix != ".json":
         raise ArgumentError(
-            f"no instance {instance!r}: choose a .json file, or a built-in instance: "
-            f"{', '.join(builtin_names())}"
+            f"no instance {instance!r}: {did_you_mean(instance, BUILTIN_NAMES)}"
+            f"choose a .json file, or a built-in instance: {', '.join(BUILTIN_NAMES)}"
         )
-    return read_instance(path, rotations)
+    return instances.read_instance(path, rotations)
 
 
-def _lowest_separated(packings: Iterable[Packing]) -> Packing:
+def _lowest_separated(packings: Iterable[packit_sim.Packing]) -> packit_sim.Packing:
     """Separate packings, the lowest first, until no other can be lower; return the lowest."""
-    best: Packing | None = None
+    best: packit_sim.Packing | None = None
     for each in packings:
-        found = separated(each)
+        found = restacking.separated(each)
         if best is None or found.height < best.height:
             best = found
         if found is each:  # the others are higher
@@ -214,7 +216,7 @@ def _lowest_separated(packings: Iterable[Packing]) -> Packing:
 
 def _instance_path(path: Path, out: Path) -> str:
     """Return the path of an instance as its solution stores it."""
-    folders = out.absolute().parents[: MAX_LEVELS + 1]
+    folders = out.absolute().parents[: mesh_paths.MAX_LEVELS + 1]
     near = (folder for folder in folders if path.absolute().is_relative_to(folder))
     folder = next(near, path.absolute().parent)
     return path.absolute().relative_to(folder).as_posix()

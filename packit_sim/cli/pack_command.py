@@ -7,28 +7,26 @@ from typing import Annotated, Literal
 
 import typer
 
-from packit_sim.cli.console import (
+import packit_sim
+from packit_sim.cli.options import (
     AddressOption,
     SearchBackendOption,
     SeedOption,
     TimeOption,
     WorkersOption,
-    console,
-    prepare_folder,
-    progress_bars,
     read_seconds,
 )
-from packit_sim.cli.output import RESUMABLE, print_written, stoppable
+from packit_sim.cli.stopping import RESUMABLE, stoppable
+from packit_sim.core.choices import Goal
+from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.length_units import Unit
-from packit_sim.parts.filling.packed import PackedParts
-from packit_sim.parts.filling.task import Goal, PackSettings
-from packit_sim.parts.pack import pack
-from packit_sim.parts.reading.boxes import box_unit
-from packit_sim.parts.reading.files import ReadSettings
-from packit_sim.parts.reading.units import lengths
-from packit_sim.parts.results.check import check
-from packit_sim.parts.results.record import FILM, INSTRUCTIONS
-from packit_sim.parts.results.summary import table
+
+with lazy_imports():
+    from packit_sim.cli import output, terminal
+    from packit_sim.parts.reading import boxes as box_texts
+    from packit_sim.parts.reading import files as part_files
+    from packit_sim.parts.reading import units
+    from packit_sim.parts.results import check, record, summary
 
 
 def pack_command(
@@ -151,30 +149,30 @@ def pack_command(
 
     Example: packit pack parts.csv --objective boxes --box 300x200x150mm --time 60s -o packed
     """
-    length: Unit = box_unit(box) or unit
-    settings = PackSettings(
-        clearance=lengths(clearance, 1, length)[0],
-        wall_clearance=lengths(wall_clearance, 1, length)[0],
-        accuracy=None if accuracy is None else lengths(accuracy, 1, length)[0],
+    length: Unit = box_texts.box_unit(box) or unit
+    settings = packit_sim.PackSettings(
+        clearance=units.lengths(clearance, 1, length)[0],
+        wall_clearance=units.lengths(wall_clearance, 1, length)[0],
+        accuracy=None if accuracy is None else units.lengths(accuracy, 1, length)[0],
         removable=removable,
         insertable=insertable == "top",
         separable=separable,
-        stable=None if stable is None else lengths(stable, 1, length)[0],
+        stable=None if stable is None else units.lengths(stable, 1, length)[0],
         boxes=boxes,
         keep_out=keep_out or (),
         fixed=fixed or (),
         unit=length,
-        reading=ReadSettings(unit, up, rotations, separate),
+        reading=part_files.ReadSettings(unit, up, rotations, separate),
         workers=workers,
         backend=backend,
         address=address,
         iterations=iterations,
     )
-    with stoppable(RESUMABLE), progress_bars() as progress:
-        prepare_folder(out / "packing.json")
+    with stoppable(RESUMABLE), terminal.progress_bars() as progress:
+        output.prepare_folder(out / "packing.json")
         bar = progress.add_task("reading", total=None, note="")
 
-        def show(better: PackedParts, _: float) -> None:
+        def show(better: packit_sim.PackedParts, _: float) -> None:
             progress.update(bar, advance=1, note=_note(better))
 
         def show_step(step: str, done: int, total: int) -> None:
@@ -182,7 +180,7 @@ def pack_command(
             progress.update(bar, description=what, completed=done, total=total or None, note=note)
 
         seconds = read_seconds(time)
-        packed = pack(
+        packed = packit_sim.pack(
             parts,
             box,
             objective,
@@ -196,23 +194,25 @@ def pack_command(
             instructions=instructions,
             film=film,
         )
-        found = check(packed)
-    console.print(table(packed, found), markup=False, highlight=False, soft_wrap=True)
-    print_written(out, f": {packed.count} parts")
-    films = (f"{packed.stem(n)}{FILM}" for n in range(len(packed.packings)))
-    for name in (*films, INSTRUCTIONS):
+        found = check.check(packed)
+    terminal.console.print(
+        summary.table(packed, found), markup=False, highlight=False, soft_wrap=True
+    )
+    output.print_written(out, f": {packed.count} parts")
+    films = (f"{packed.stem(n)}{record.FILM}" for n in range(len(packed.packings)))
+    for name in (*films, record.INSTRUCTIONS):
         if (out / name).exists():
-            print_written(out / name)
+            output.print_written(out / name)
     for problem in found.problems:
-        console.print(problem, markup=False, style="red", soft_wrap=True)
+        terminal.console.print(problem, markup=False, style="red", soft_wrap=True)
     missing = _missing(packed) if require_all else ""
     if missing:
-        console.print(missing, markup=False, style="red", soft_wrap=True)
+        terminal.console.print(missing, markup=False, style="red", soft_wrap=True)
     if found.problems or missing:
         raise typer.Exit(1)
 
 
-def _missing(packed: PackedParts) -> str:
+def _missing(packed: packit_sim.PackedParts) -> str:
     """Return a sentence on what is not packed; none if all is."""
     parts, files = sum(each.count for each in packed.left_out), len(packed.unread)
     what = [f"{parts} part{'s' * (parts > 1)} left out"] if parts else []
@@ -220,7 +220,7 @@ def _missing(packed: PackedParts) -> str:
     return f"not all is packed: {' and '.join(what)}" if what else ""
 
 
-def _note(packed: PackedParts) -> str:
+def _note(packed: packit_sim.PackedParts) -> str:
     total = sum(part.part.count for part in packed.task.parts)
     text = f"{packed.count} of {total} parts, density {packed.density:.3f}"
     if packed.task.objective == "height":

@@ -4,37 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import typer
-from rich.markup import escape
 
-from packit_sim.cli.console import (
+import packit_sim
+from packit_sim.cli.options import (
     DatasetArgument,
     DatasetLibraryOption,
     DecompositionOption,
     SplitOption,
-    console,
-    decompose_shown,
-    open_library,
-    prepare_folder,
-    progress_bars,
 )
-from packit_sim.cli.output import simple_table, write_json
 from packit_sim.core.checks import POSITIVE, check_range
-from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.game.datasets.pack_files import dataset_file, read_packs
-from packit_sim.game.datasets.packs import Pack
-from packit_sim.game.datasets.provenance import Played
-from packit_sim.geometry.items import BoxState, PlacedItem
-from packit_sim.physics.convex.decomposition import require
+from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.geometry.lattice import MOVES
 from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
-from packit_sim.physics.quality import pack_quality
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
-from packit_sim.placement import MOVES, compact
+
+with lazy_imports():
+    from rich import markup
+
+    from packit_sim import placement
+    from packit_sim.cli import inputs, output, terminal
+    from packit_sim.core import confidence
+    from packit_sim.game.datasets import provenance
+    from packit_sim.geometry import items
+    from packit_sim.physics.convex import decomposition as convex
 
 LimitOption = Annotated[int | None, typer.Option(min=1, help="Read only the first N packs.")]
-ScoredPack = tuple[Pack, Mapping[str, float], Mapping[str, Any]]
+ScoredPack: TypeAlias = "tuple[packit_sim.Pack, Mapping[str, float], Mapping[str, Any]]"
 OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="JSON file for all numbers.")]
 
 
@@ -53,8 +51,8 @@ def compact_command(
     Example: packit compact starter --limit 3 --out compacted.json
     """
 
-    def row(pack: Pack, box: BoxState[PlacedItem]) -> ScoredPack:
-        found = compact(box)
+    def row(pack: packit_sim.Pack, box: items.BoxState[items.PlacedItem]) -> ScoredPack:
+        found = placement.compact(box)
         (filled, pushed), (height, lower) = found.filled, found.height
         numbers = {
             "filled": filled,
@@ -95,18 +93,18 @@ def score_command(
     """
     settings = PhysicsSettings(decomposition=DecompositionSettings(method=decomposition))
     check_range("distance", distance, POSITIVE)
-    require(settings.decomposition)
+    convex.require(settings.decomposition)
 
-    def row(pack: Pack, box: BoxState[PlacedItem]) -> ScoredPack:
-        found = pack_quality(box, settings, distance=distance, moves=moves)
+    def row(pack: packit_sim.Pack, box: items.BoxState[items.PlacedItem]) -> ScoredPack:
+        found = packit_sim.pack_quality(box, settings, distance=distance, moves=moves)
         played = pack.provenance
-        numbers = {"reward": played.total} if isinstance(played, Played) else {}
+        numbers = {"reward": played.total} if isinstance(played, provenance.Played) else {}
         more = {"floating": found.floating, "interlocked": found.disassembly.interlocked}
         return pack, {**numbers, **found.row()}, more
 
     boxes = _boxes(dataset, split, library, limit, out)
     shapes = [placed.item.shape for _, box in boxes for placed in box.placed]
-    decompose_shown(shapes, settings.decomposition)
+    inputs.decompose_shown(shapes, settings.decomposition)
     rows = _rows(boxes, row)
     _show(rows)
     _write(out, dataset, rows)
@@ -114,22 +112,22 @@ def score_command(
 
 def _boxes(
     dataset: str, split: str | None, library: str | None, limit: int | None, out: Path | None
-) -> list[tuple[Pack, BoxState[PlacedItem]]]:
+) -> list[tuple[packit_sim.Pack, items.BoxState[items.PlacedItem]]]:
     """Read packs, with the states of their boxes."""
     if out is not None:
-        prepare_folder(out, dataset)
-    read = read_packs(dataset_file(dataset, split))[:limit]
-    opened = open_library(library, dataset, split)
+        output.prepare_folder(out, dataset)
+    read = packit_sim.read_packs(packit_sim.dataset_file(dataset, split))[:limit]
+    opened = inputs.open_library(library, dataset, split)
     return [(pack, pack.contents(opened)) for pack in read]
 
 
 def _rows(
-    boxes: Sequence[tuple[Pack, BoxState[PlacedItem]]],
-    row: Callable[[Pack, BoxState[PlacedItem]], ScoredPack],
+    boxes: Sequence[tuple[packit_sim.Pack, items.BoxState[items.PlacedItem]]],
+    row: Callable[[packit_sim.Pack, items.BoxState[items.PlacedItem]], ScoredPack],
 ) -> list[ScoredPack]:
     """Measure each pack, with a progress bar."""
     rows = []
-    with progress_bars() as progress:
+    with terminal.progress_bars() as progress:
         bar = progress.add_task("packs", total=len(boxes), note="")
         for pack, box in boxes:
             rows.append(row(pack, box))
@@ -142,22 +140,22 @@ def _show(rows: Sequence[ScoredPack]) -> None:
     own: dict[str, list[Mapping[str, float]]] = {}
     for pack, numbers, _ in rows:
         own.setdefault(_maker(pack), []).append(numbers)
-    table = simple_table()
+    table = output.simple_table()
     table.add_column("mean of packs", no_wrap=True)
     for maker in own:
-        table.add_column(escape(maker), justify="right")
+        table.add_column(markup.escape(maker), justify="right")
     table.add_row("packs", *(str(len(found)) for found in own.values()))
     for name in dict.fromkeys(name for _, numbers, _ in rows for name in numbers):
         table.add_row(name, *(_mean(found, name) for found in own.values()))
-    console.print(table)
+    terminal.console.print(table)
 
 
 def _mean(rows: Sequence[Mapping[str, float]], name: str) -> str:
     values = [numbers[name] for numbers in rows if name in numbers]
-    return format_estimate(Estimate.of(values), ".3f") if values else ""
+    return confidence.format_estimate(confidence.Estimate.of(values), ".3f") if values else ""
 
 
-def _maker(pack: Pack) -> str:
+def _maker(pack: packit_sim.Pack) -> str:
     return pack.provenance.producer
 
 
@@ -168,4 +166,4 @@ def _write(out: Path | None, dataset: str, rows: Sequence[ScoredPack]) -> None:
         {"pack": n, "by": _maker(pack), **numbers, **more}
         for n, (pack, numbers, more) in enumerate(rows)
     ]
-    write_json(out, {"packs": dataset, "each": each})
+    output.write_json(out, {"packs": dataset, "each": each})

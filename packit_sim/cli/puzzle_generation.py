@@ -8,8 +8,9 @@ from typing import cast
 
 import typer
 
-from packit_sim.cli.console import progress_bars
-from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
+from packit_sim.cli.output import print_written
+from packit_sim.cli.stopping import NOTHING_WRITTEN, stoppable
+from packit_sim.cli.terminal import progress_bars
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.pack_files import WHOLE
 from packit_sim.game.datasets.packs import Pack

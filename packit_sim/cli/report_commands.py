@@ -9,15 +9,17 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.console import DatasetLibraryOption, SplitOption, prepare_folder
-from packit_sim.cli.output import check_shown, print_written
-from packit_sim.core.files import replace_text
-from packit_sim.game.datasets.pack_files import load_tasks, recorded_library
-from packit_sim.game.reports import page
-from packit_sim.game.reports.examples import chosen, gallery
-from packit_sim.game.reports.runs import ReportError, Runs
-from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.render import plots
+import packit_sim
+from packit_sim.cli.options import DatasetLibraryOption, SplitOption
+from packit_sim.core.lazy_imports import lazy_imports
+
+with lazy_imports():
+    from packit_sim.cli import inputs, output
+    from packit_sim.core import files
+    from packit_sim.game.datasets import pack_files
+    from packit_sim.game.reports import examples, page
+    from packit_sim.game.reports import runs as report_runs
+    from packit_sim.render import plots
 
 SUFFIXES = (".html", ".htm")
 
@@ -52,26 +54,30 @@ def report_command(
     Example: packit report results.jsonl trainings/first --dataset starter --out report.html
     """
     if out.suffix.lower() not in SUFFIXES or out.is_dir():
-        raise ReportError(f"{out} is not an HTML file: choose a name that ends in .html")
+        raise report_runs.ReportError(
+            f"{out} is not an HTML file: choose a name that ends in .html"
+        )
     plots.require()
-    found = Runs.read(runs)
-    prepare_folder(out, *runs)
+    found = report_runs.Runs.read(runs)
+    output.prepare_folder(out, *runs)
     shown = None
     if found.played:
-        chosen(found, agent)
-        opened = ShapeLibrary.open(library) if library else None
+        examples.chosen(found, agent)
+        opened = packit_sim.ShapeLibrary.open(library) if library else None
         for run in found.played:
-            check_shown(run.file, run.rollouts, opened)
+            inputs.check_shown(run.file, run.rollouts, opened)
     if found.played and each:
         refs = [one.pack.library for run in found.played for one in run.rollouts]
-        opened = opened or recorded_library(refs, runs[0])
-        played = load_tasks(dataset, opened, split) if dataset else ()
+        opened = opened or pack_files.recorded_library(refs, runs[0])
+        played = packit_sim.load_tasks(dataset, opened, split) if dataset else ()
         tasks = {task.digest: task for task in played}
         if tasks and not any(r.task_digest in tasks for one in found.played for r in one.rollouts):
-            raise ReportError(f"no task of these results belongs to the dataset {dataset}")
-        shown = gallery(found, opened, each, agent, tasks)
+            raise report_runs.ReportError(
+                f"no task of these results belongs to the dataset {dataset}"
+            )
+        shown = examples.gallery(found, opened, each, agent, tasks)
     command = shlex.join(["packit", *sys.argv[1:]])
     text = page.page(title, found, shown, command)
-    replace_text(out, text)
+    files.replace_text(out, text)
     size = len(text.encode()) / 1e6
-    print_written(out, f" ({size:.1f} MB)")
+    output.print_written(out, f" ({size:.1f} MB)")

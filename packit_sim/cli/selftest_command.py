@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from packit_sim.cli.console import (
-    SeedOption,
-    WorkersOption,
-    console,
-    prepare_folder,
-    progress_bars,
-)
-from packit_sim.cli.output import RESUMABLE, simple_table
-from packit_sim.core.parallel import Workers
+from packit_sim.cli.options import SeedOption, WorkersOption
+from packit_sim.cli.stopping import RESUMABLE
+from packit_sim.core.lazy_imports import lazy_imports
+
+with lazy_imports():
+    from packit_sim.cli import output, terminal
+    from packit_sim.core import parallel
 
 COMPARISONS = (
     "cold",
@@ -76,11 +74,11 @@ def selftest_command(
     from packit_sim.selftest import case_runs, volumes  # creates shapes
 
     if out is not None:
-        prepare_folder(out)
+        output.prepare_folder(out)
     if not volumes.is_available():
-        console.print("boolean volumes are left out: pip install manifold3d")
+        terminal.console.print("boolean volumes are left out: pip install manifold3d")
     totals, stopped = None, False
-    with Workers(workers) as processes, progress_bars() as progress:
+    with parallel.Workers(workers) as processes, terminal.progress_bars() as progress:
         bar = progress.add_task("comparing", total=round(60 * minutes), note="")
         start = time.monotonic()
         try:
@@ -93,7 +91,7 @@ def selftest_command(
     if totals is not None:
         _print_totals(totals)
     if stopped:
-        console.print(f"stopped: {RESUMABLE if out else 'no file of totals was given'}")
+        terminal.console.print(f"stopped: {RESUMABLE if out else 'no file of totals was given'}")
     if totals is not None and totals.differences:
         raise typer.Exit(1)
     if stopped:
@@ -101,7 +99,7 @@ def selftest_command(
 
 
 def _print_totals(totals: Totals) -> None:
-    table = simple_table("items", "cases", "masks", "locations", "core-s", "differences")
+    table = output.simple_table("items", "cases", "masks", "locations", "core-s", "differences")
     for name, kind in totals.kinds.items():
         numbers = [f"{kind.counts.get(count, 0):,}" for count in ("cases", "masks", "locations")]
         table.add_row(name, *numbers, f"{kind.core_seconds:,.0f}", str(kind.differences))
@@ -109,14 +107,14 @@ def _print_totals(totals: Totals) -> None:
     table.caption = (
         f"PackIt-Sim {totals.version}, seeds: {seeds}, {totals.seconds / 60:.1f} minutes"
     )
-    console.print(table)
+    terminal.console.print(table)
     others = {name: totals.count(name) for kind in totals.kinds.values() for name in kind.counts}
     compared = (f"{name} {others[name]:,}" for name in COMPARISONS if name in others)
-    console.print(f"compared: {', '.join(compared)}", highlight=False)
+    terminal.console.print(f"compared: {', '.join(compared)}", highlight=False)
     for found in totals.differences:
         text = f"case {found.number} of seed {found.seed}: {found.check}: {found.message}"
         note = f"; packit selftest --replay {found.replay}" if found.replay else ""
-        console.print(text + note, markup=False, soft_wrap=True, style="red")
+        terminal.console.print(text + note, markup=False, soft_wrap=True, style="red")
 
 
 def _repeat(file: Path) -> None:
@@ -126,7 +124,7 @@ def _repeat(file: Path) -> None:
     check, case = read_replay(file)
     found = differences(case, check)
     for each in found:
-        console.print(f"{each.check}: {each.message}", markup=False, soft_wrap=True)
-    console.print(f"{check}: {len(found)} differences")
+        terminal.console.print(f"{each.check}: {each.message}", markup=False, soft_wrap=True)
+    terminal.console.print(f"{check}: {len(found)} differences")
     if found:
         raise typer.Exit(1)

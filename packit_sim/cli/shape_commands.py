@@ -3,50 +3,35 @@
 from __future__ import annotations
 
 import os
-import statistics
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
-from packit_sim.cli.console import (
-    LibraryOption,
-    SeedOption,
-    WorkersOption,
-    console,
-    prepare_folder,
-    progress_bars,
-)
-from packit_sim.cli.output import (
-    NOTHING_WRITTEN,
-    print_written,
-    simple_table,
-    stoppable,
-    write_json,
-)
-from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
-from packit_sim.core.files import claimed, lock_path
+import packit_sim
+from packit_sim.cli.help import group
+from packit_sim.cli.options import LibraryOption, SeedOption, WorkersOption
+from packit_sim.cli.stopping import NOTHING_WRITTEN, stoppable
+from packit_sim.core.choices import SPLITS, Axis, Split
+from packit_sim.core.errors import LibraryError, MeshError, PackItError
+from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.plain_text import listed
-from packit_sim.geometry.shapes import Axis
-from packit_sim.geometry.simplification import Simplification
-from packit_sim.libraries import stored
-from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
-from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.libraries.sources import ShapeInfo
-from packit_sim.libraries.splits import SPLITS, Split
-from packit_sim.render.contact_sheets import contact_sheet
-from packit_sim.render.image_files import MAX_SIDE
+from packit_sim.render.defaults import MAX_SIDE
 
-MAX_ROWS = 40
-"""Maximum rows of the table that an import prints; its report contains all."""
+with lazy_imports():
+    from rich import markup
+    from rich import table as rich_table
 
-app = typer.Typer(help="Describe shape libraries, and import meshes.", no_args_is_help=True)
+    from packit_sim.cli import output, shape_tables, terminal
+    from packit_sim.core import files
+    from packit_sim.geometry import simplification
+    from packit_sim.libraries import importer, stored
+    from packit_sim.render import contact_sheets
+
+app = group("Describe shape libraries, and import meshes.")
 
 CategoryOption = Annotated[
     list[str] | None, typer.Option("--category", help="Only this category; may be repeated.")
@@ -64,20 +49,25 @@ def list_command(
 
     Example: packit shapes list --category mug
     """
-    opened = _opened(library, split)
-    ids = selection(opened, category)
+    opened = shape_tables.opened_library(library, split)
+    ids = shape_tables.selection(opened, category)
     columns = ["id", "category"]
     if opened.source.is_catalogued:
         columns += ["triangles", "watertight", "volume", "licence"]
-    table = simple_table(*columns)
+    table = output.simple_table(*columns)
     for id in ids:
         row = [id, opened.source.categories[id]]
         if opened.source.is_catalogued:
             info = opened.info(id)
-            row += [str(info.triangles), _yes(info.watertight), f"{info.volume:.4f}", info.licence]
-        table.add_row(*map(escape, row))
-    console.print(table)
-    console.print(f"{len(ids)} shapes")
+            row += [
+                str(info.triangles),
+                shape_tables.yes_or_no(info.watertight),
+                f"{info.volume:.4f}",
+                info.licence,
+            ]
+        table.add_row(*map(markup.escape, row))
+    terminal.console.print(table)
+    terminal.console.print(f"{len(ids)} shapes")
 
 
 @app.command()
@@ -95,23 +85,23 @@ def show(
 
     Example: packit shapes show coffee-mug --out mug.png
     """
-    opened = ShapeLibrary.open(library)
+    opened = packit_sim.ShapeLibrary.open(library)
     info, shape = opened.info(id), opened[id]
-    table = Table(show_header=False, box=None)
-    for name, value in _facts(opened, info).items():
-        table.add_row(f"[bold]{name}[/]", escape(value))
+    table = rich_table.Table(show_header=False, box=None)
+    for name, value in shape_tables.facts(opened, info).items():
+        table.add_row(f"[bold]{name}[/]", markup.escape(value))
     table.add_row("[bold]extents[/]", " x ".join(f"{e:.3f}" for e in shape.extents))
-    console.print(table)
+    terminal.console.print(table)
     if out is not None:
-        prepare_folder(out)
-        renderer = contact_sheet([(id, shape)], side=size).save(out)
-        print_written(out, f" by the {renderer} renderer")
+        output.prepare_folder(out)
+        renderer = contact_sheets.contact_sheet([(id, shape)], side=size).save(out)
+        output.print_written(out, f" by the {renderer} renderer")
 
 
 @app.command()
 def stats(library: LibraryOption = "everyday") -> None:
     """Count a library's shapes by category and split, with triangles and volumes."""
-    opened = ShapeLibrary.open(library)
+    opened = packit_sim.ShapeLibrary.open(library)
     known = opened.source.is_catalogued
     try:
         split_of = {id: split for split in SPLITS for id in opened.split(split)}
@@ -120,12 +110,12 @@ def stats(library: LibraryOption = "everyday") -> None:
     headings = ["category", "shapes", *(SPLITS if split_of else ())]
     if known:
         headings += ["watertight", "triangles", "volume"]
-    table = Table(*headings, box=None, pad_edge=False, collapse_padding=True)
+    table = rich_table.Table(*headings, box=None, pad_edge=False, collapse_padding=True)
     table.columns[0].no_wrap = True
     for name, ids in opened.categories.items():
-        table.add_row(escape(name), *_counts(opened, ids, split_of))
-    table.add_row("all", *_counts(opened, opened.ids, split_of))
-    console.print(table)
+        table.add_row(markup.escape(name), *shape_tables.counts(opened, ids, split_of))
+    table.add_row("all", *shape_tables.counts(opened, opened.ids, split_of))
+    terminal.console.print(table)
     summary = f"{len(opened)} shapes in {len(opened.categories)} categories"
     if known:
         infos = list(map(opened.info, opened))
@@ -135,9 +125,9 @@ def stats(library: LibraryOption = "everyday") -> None:
             "triangles and volume are medians\n"
             + ", ".join(f"{name}: {count}" for name, count in licences.most_common())
         )
-    console.print(summary, highlight=False, markup=False)
+    terminal.console.print(summary, highlight=False, markup=False)
     if opened.missing:
-        console.print(f"{len(opened.missing)} more have no mesh file", style="yellow")
+        terminal.console.print(f"{len(opened.missing)} more have no mesh file", style="yellow")
 
 
 @app.command("contact-sheet")
@@ -163,8 +153,8 @@ def contact_sheet_command(
 
     Example: packit shapes contact-sheet --category mug --out mugs.png
     """
-    opened = _opened(library, split)
-    ids = selection(opened, category, id)
+    opened = shape_tables.opened_library(library, split)
+    ids = shape_tables.selection(opened, category, id)
     if per_category is not None:
         seen: Counter[str] = Counter()
         chosen = []
@@ -174,9 +164,9 @@ def contact_sheet_command(
             if seen[kind] <= per_category:
                 chosen.append(name)
         ids = tuple(chosen)
-    prepare_folder(out)
+    output.prepare_folder(out)
     problems = []
-    with progress_bars() as progress:
+    with terminal.progress_bars() as progress:
         bar = progress.add_task("drawing", total=len(ids), note="")
 
         def tiles() -> Any:
@@ -189,11 +179,11 @@ def contact_sheet_command(
                     yield name, str(error)
                 progress.advance(bar)
 
-        sheet = contact_sheet(tiles(), columns=columns, side=size)
+        sheet = contact_sheets.contact_sheet(tiles(), columns=columns, side=size)
     renderer = sheet.save(out)
-    print_written(out, f" by the {renderer} renderer: {len(ids)} shapes")
+    output.print_written(out, f" by the {renderer} renderer: {len(ids)} shapes")
     for problem in problems:
-        console.print(problem, style="red", markup=False, highlight=False, soft_wrap=True)
+        terminal.console.print(problem, style="red", markup=False, highlight=False, soft_wrap=True)
     if problems:
         raise typer.Exit(1)
 
@@ -250,48 +240,48 @@ def import_command(
 
     Example: packit shapes import folder:meshes --unit mm --out my-library
     """
-    settings = ImportSettings(
+    settings = importer.ImportSettings(
         up=up,
         unit_cm=None if unit is None else UNITS_CM[unit],
-        simplification=Simplification(max_triangles or None, max_error, eager),
+        simplification=simplification.Simplification(max_triangles or None, max_error, eager),
         min_thickness=min_thickness,
         memory=int(memory * 2**30),
         timeout=timeout,
         workers=workers or os.cpu_count() or 1,
         seed=seed,
     )
-    opened = ShapeLibrary.open(source, seed=seed)
+    opened = packit_sim.ShapeLibrary.open(source, seed=seed)
     report = report or out.with_name(f"{out.name}.report.json")
-    prepare_folder(out)
-    prepare_folder(report, source, field="shapes")
+    output.prepare_folder(out)
+    output.prepare_folder(report, source, field="shapes")
     try:
         splits = None if everything else opened.source.splits
     except LibraryError:
         splits = None
     ids = opened.ids if splits is None else sorted(set().union(*splits.values()))
     missing = [
-        ImportOutcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
+        importer.ImportOutcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
         for id, problem in opened.missing.items()
     ]
 
-    def write_report(outcomes: list[ImportOutcome]) -> None:
+    def write_report(outcomes: list[importer.ImportOutcome]) -> None:
         shapes = [asdict(outcome) for outcome in outcomes + missing]
-        write_json(report, {"source": source, "shapes": shapes})
+        output.write_json(report, {"source": source, "shapes": shapes})
 
     with (
         stoppable(NOTHING_WRITTEN),
-        claimed(lock_path(out), out),
-        progress_bars() as progress,
+        files.claimed(files.lock_path(out), out),
+        terminal.progress_bars() as progress,
     ):
         stored.remove_unfinished(out)
         if out.exists() and not overwrite:
             raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
         bar = progress.add_task("importing", total=len(ids), note="")
 
-        def advance(outcome: ImportOutcome) -> None:
+        def advance(outcome: importer.ImportOutcome) -> None:
             progress.update(bar, advance=1, note=outcome.id)
 
-        outcomes = import_library(
+        outcomes = importer.import_library(
             [opened.source.candidate(id) for id in ids],
             out,
             name or out.name,
@@ -302,11 +292,11 @@ def import_command(
             write_report,
         )
     outcomes += missing
-    console.print(_report_table(outcomes))
+    terminal.console.print(shape_tables.report_table(outcomes))
     kept = sum(outcome.problem is None for outcome in outcomes)
-    console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused")
+    terminal.console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused")
     if joined := [outcome.name for outcome in outcomes if outcome.parts > 1]:
-        console.print(
+        terminal.console.print(
             f"Files with several parts: {listed(joined)}. The parts of a file become one rigid "
             "shape; to pack them separately, write each part to a separate file.",
             style="yellow",
@@ -314,7 +304,7 @@ def import_command(
             soft_wrap=True,
         )
     if shells := [outcome.name for outcome in outcomes if outcome.is_shell]:
-        console.print(
+        terminal.console.print(
             f"Open meshes: {listed(shells)}. Their volume is only that of a thin sheet, and other "
             "items may be placed inside; if they are meant to be solid, close their surface.",
             style="yellow",
@@ -323,110 +313,4 @@ def import_command(
         )
     if not kept:
         raise PackItError(f"{source}: none of its meshes can be a shape: {out} is not written")
-    print_written(out, f": {ShapeLibrary.open(out)}")
-
-
-def selection(
-    library: ShapeLibrary, categories: Sequence[str] | None, ids: Sequence[str] | None = None
-) -> tuple[str, ...]:
-    """Select ids by name, or else those of categories, or else all.
-
-    Parameters
-    ----------
-    categories : Sequence[str] | None
-        The categories; not used if `ids` are given.
-    ids : Sequence[str] | None
-        The shapes.
-
-    Returns
-    -------
-    tuple[str, ...]
-        The selected ids.
-
-    Raises
-    ------
-    UnknownShapeError
-        If the library does not contain an id or a category.
-    """
-    for category in categories or ():
-        if category not in library.categories:
-            raise UnknownShapeError(
-                f"library {library.name!r} has no category {category!r}: "
-                f"choose from {', '.join(library.categories)}"
-            )
-    for id in ids or ():
-        library.info(id)
-    if ids:
-        return tuple(ids)
-    if not categories:
-        return library.ids
-    return tuple(id for name in categories for id in library.categories[name])
-
-
-def _opened(library: str, split: Split | None) -> ShapeLibrary:
-    """Open a library, or one of its splits."""
-    opened = ShapeLibrary.open(library)
-    return opened if split is None else opened.split(split)
-
-
-def _facts(library: ShapeLibrary, info: ShapeInfo) -> dict[str, str]:
-    """Collect the facts that `show` prints, by name."""
-    facts = {name: str(value) for name, value in asdict(info).items() if value not in ("", None)}
-    if info.size_cm is not None:
-        facts["size_cm"] = " x ".join(f"{length:.4g}" for length in info.size_cm)
-    facts |= {"watertight": _yes(info.watertight), "solid": _yes(info.solid)}
-    facts["volume"] = f"{info.volume:.5f}"
-    if not library.source.is_catalogued:
-        return facts
-    same = [id for id in library if library.info(id).group == info.group and id != info.id]
-    facts["same object"] = ", ".join(same) or "none"
-    facts["split"] = next(split for split in SPLITS if info.id in library.split(split))
-    return facts
-
-
-def _counts(library: ShapeLibrary, ids: Sequence[str], split_of: Mapping[str, str]) -> list[str]:
-    """Compute the cells of a row of `stats`."""
-    cells = [str(len(ids))]
-    if split_of:
-        counts = Counter(split_of.get(id) for id in ids)
-        cells += [str(counts[split]) for split in SPLITS]
-    if library.source.is_catalogued:
-        infos = [library.info(id) for id in ids]
-        cells += [
-            str(sum(info.watertight for info in infos)),
-            f"{statistics.median(info.triangles for info in infos):.0f}",
-            f"{statistics.median(info.volume for info in infos):.4f}",
-        ]
-    return cells
-
-
-def _report_table(outcomes: Sequence[ImportOutcome]) -> Table:
-    """Create a table of outcomes: refused meshes first, then those that were changed most."""
-    columns = ("mesh", "triangles", "error", "watertight", "outcome")
-    table = simple_table(*columns)
-    notable = [outcome for outcome in outcomes if outcome.problem is not None]
-    kept = [outcome for outcome in outcomes if outcome.problem is None]
-    notable += sorted(kept, key=lambda o: (o.parts == 1, not o.repairs))
-    for outcome in notable[:MAX_ROWS]:
-        info = outcome.info
-        if info is None:
-            table.add_row(escape(outcome.name), "", "", "", f"[red]{escape(outcome.problem or '')}")
-            continue
-        done = [] if outcome.id == outcome.name else [f"renamed {outcome.id}"]
-        done += [f"{outcome.parts} parts joined"] if outcome.parts > 1 else []
-        counts = asdict(outcome.repairs) if outcome.repairs else {}
-        done += [f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count]
-        table.add_row(
-            escape(outcome.name),
-            f"{outcome.triangles_read} to {info.triangles}",
-            f"{info.error_bound:.5f}",
-            _yes(info.watertight),
-            escape(", ".join(done) or "as it was"),
-        )
-    if len(notable) > MAX_ROWS:
-        table.caption = f"and {len(notable) - MAX_ROWS} more in the report"
-    return table
-
-
-def _yes(value: bool) -> str:
-    return "yes" if value else "no"
+    output.print_written(out, f": {packit_sim.ShapeLibrary.open(out)}")

@@ -6,19 +6,17 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.console import (
-    DatasetLibraryOption,
-    SplitOption,
-    checked_dataset,
-    console,
-    open_library,
-    progress_bars,
-)
-from packit_sim.cli.output import stoppable
+import packit_sim
+from packit_sim.cli import completion
+from packit_sim.cli.options import DatasetLibraryOption, SplitOption, checked_dataset
+from packit_sim.cli.stopping import stoppable
 from packit_sim.core.errors import ArgumentError
-from packit_sim.game.datasets.dataset_checks import verify_dataset
-from packit_sim.game.datasets.pack_files import dataset_file, dataset_path
-from packit_sim.parts.results.verification import verify_record
+from packit_sim.core.lazy_imports import lazy_imports
+
+with lazy_imports():
+    from packit_sim.cli import inputs, terminal
+    from packit_sim.game.datasets import dataset_checks, pack_files
+    from packit_sim.parts.results import verification
 
 
 def verify_command(
@@ -26,6 +24,7 @@ def verify_command(
         str,
         typer.Argument(
             metavar="DATASET",
+            autocompletion=completion.datasets,
             help="Dataset or results: a name (see `packit datasets list`), a folder or a file; or "
             "a packing: a .json file.",
         ),
@@ -51,24 +50,26 @@ def verify_command(
                 raise ArgumentError(
                     f"{option} has no effect on {dataset}, which is a packing: leave it out"
                 )
-        report = verify_record(dataset)
+        report = verification.verify_record(dataset)
         verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
         verdict += f"\nlinked pairs: {report.linked}" if report.linked else ""
     else:
         checked_dataset(dataset)
-        opened = open_library(library, dataset, split)
-        with stoppable("the check is not complete"), progress_bars() as progress:
+        opened = inputs.open_library(library, dataset, split)
+        with stoppable("the check is not complete"), terminal.progress_bars() as progress:
             bar = progress.add_task("verifying", total=None, note="")
-            report = verify_dataset(
-                dataset_file(dataset, split) if split else dataset_path(dataset),
+            report = dataset_checks.verify_dataset(
+                packit_sim.dataset_file(dataset, split)
+                if split
+                else pack_files.dataset_path(dataset),
                 opened,
                 lambda done, total: progress.update(bar, completed=done, total=total),
             )
         verdict = f"{report.packs - report.broken} of {report.packs} packs hold"
     for problem in report.problems:
-        console.print(str(problem), highlight=False, soft_wrap=True, markup=False)
-    console.print(verdict, highlight=False, soft_wrap=True, markup=False)
+        terminal.console.print(str(problem), highlight=False, soft_wrap=True, markup=False)
+    terminal.console.print(verdict, highlight=False, soft_wrap=True, markup=False)
     if report.not_judged:
-        console.print(report.not_judged, soft_wrap=True, markup=False)
+        terminal.console.print(report.not_judged, soft_wrap=True, markup=False)
     if not report.is_valid:
         raise typer.Exit(1)

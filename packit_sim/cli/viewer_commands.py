@@ -6,19 +6,16 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.console import DatasetArgument, DatasetLibraryOption, SplitOption, console
-from packit_sim.cli.local_pages import (
-    BrowserOption,
-    HostOption,
-    PortOption,
-    serve_until_interrupt,
-)
-from packit_sim.game.datasets.pack_files import dataset_path
-from packit_sim.game.explorer.collection import PackCollection
-from packit_sim.game.explorer.explorer import Explorer
-from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.parts.workbench.workbench import Workbench
+import packit_sim
+from packit_sim.cli.local_pages import BrowserOption, HostOption, PortOption, serve_until_interrupt
+from packit_sim.cli.options import DatasetArgument, DatasetLibraryOption, SplitOption
+from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.web.origins import LOOPBACK
+
+with lazy_imports():
+    from packit_sim.cli import terminal
+    from packit_sim.game.datasets import pack_files
+    from packit_sim.parts.workbench import workbench as workbench_page
 
 
 def view_command(
@@ -47,17 +44,17 @@ def view_command(
 
     Example: packit view results.jsonl --dataset starter --pack 3
     """
-    folder = dataset_path(dataset).is_dir()
-    collection = PackCollection.read(
+    folder = pack_files.dataset_path(dataset).is_dir()
+    collection = packit_sim.PackCollection.read(
         dataset,
-        ShapeLibrary.open(library) if library else None,
+        packit_sim.ShapeLibrary.open(library) if library else None,
         split if folder or tasks is None else None,
         tasks,
         split,
     )
-    with Explorer(collection, pack, second, host=host, port=port) as explorer:
+    with packit_sim.Explorer(collection, pack, second, host=host, port=port) as explorer:
         serve_until_interrupt(dataset, explorer.address, host, browser)
-    console.print("\nthe viewer is closed")
+    terminal.console.print("\nthe viewer is closed")
 
 
 def workbench_command(
@@ -71,6 +68,6 @@ def workbench_command(
 
     Example: packit workbench
     """
-    with Workbench(host, port) as workbench:
+    with workbench_page.Workbench(host, port) as workbench:
         serve_until_interrupt("the workbench", workbench.address, host, browser)
-    console.print("\nthe workbench is closed")
+    terminal.console.print("\nthe workbench is closed")

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import joblib
 from joblib.externals.loky import get_reusable_executor
@@ -22,6 +22,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import ParallelBackendBase
 
 from packit_sim.core import compilation
+from packit_sim.core.choices import BackendName, SearchBackend
 from packit_sim.core.errors import PackItError
 from packit_sim.core.extras import needed_for
 from packit_sim.core.orphans import end_with, without_interrupts
@@ -29,13 +30,7 @@ from packit_sim.core.version import __version__
 
 _T = TypeVar("_T")
 
-BackendName = Literal["loky", "ray"]
-
 BACKENDS: tuple[str, ...] = get_args(BackendName)
-"""Processes of this machine (loky), or of a Ray cluster (the extra `cluster`)."""
-
-SearchBackend = Literal["threads", "ray"]
-"""Threads of this process, or processes of a Ray cluster."""
 
 MAX_RETRIES = 20
 """Maximum retries of a job whose process or machine was lost; more suggest that it kills them."""

@@ -9,7 +9,10 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_OTHERS = signal.SIGTERM, signal.SIGHUP
+_OTHERS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+SIGNALS = (signal.SIGINT, *_OTHERS)
+"""The signals that end a command; Windows has no SIGHUP."""
 
 _arrived: list[int] = []
 
@@ -20,9 +23,9 @@ def end_at_once() -> None:
     KeyboardInterrupt would show as another error in the middle of an import. Signals that are
     ignored, such as SIGHUP by `nohup`, stay ignored.
     """
-    for number in (signal.SIGINT, *_OTHERS):
+    for number in SIGNALS:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler, _interrupt):
-            signal.signal(number, _end)
+            signal.signal(number, end_process)
 
 
 @contextmanager
@@ -38,10 +41,10 @@ def as_interrupts() -> Iterator[list[int]]:
     if threading.current_thread() is not threading.main_thread():
         yield _arrived
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *_OTHERS)}
+    before = {number: signal.getsignal(number) for number in SIGNALS}
     try:
         for number, handler in before.items():
-            if handler in (signal.SIG_DFL, _end):
+            if handler in (signal.SIG_DFL, end_process):
                 is_other = number in _OTHERS
                 signal.signal(number, _interrupt if is_other else signal.default_int_handler)
         yield _arrived
@@ -57,7 +60,8 @@ def _interrupt(number: int, frame: object) -> None:
     (handler if callable(handler) else signal.default_int_handler)(number, None)
 
 
-def _end(number: int, frame: object) -> None:
+def end_process(number: int, frame: object) -> None:
+    """End the process with a line, as a handler of signals."""
     try:
         os.write(1, b"stopped\n")
     finally:
@@ -71,4 +75,5 @@ def _leave_to_parent() -> None:
             signal.signal(number, signal.SIG_DFL)
 
 
-os.register_at_fork(after_in_child=_leave_to_parent)
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_leave_to_parent)

@@ -21,10 +21,7 @@ from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.sweeping import AxisNumber, free_distance
 from packit_sim.geometry.items import Contents, PlacedItem
-from packit_sim.geometry.lattice import CELL, MAX_CELLS, STEP, Triple
-
-MOVES = 3
-"""Maximum number of straight moves in a route: two along the axes, and one up."""
+from packit_sim.geometry.lattice import CELL, MAX_CELLS, MOVES, STEP, Triple
 
 _AXES: tuple[AxisNumber, ...] = (2, 0, 1)
 _STEP = STEP * CELL

@@ -7,11 +7,9 @@ the cells and the fine cells of any two items in a box always line up.
 
 from __future__ import annotations
 
+import math
 import operator
-from collections.abc import Sequence
-
-import numpy as np
-import numpy.typing as npt
+from collections.abc import Iterable, Sequence
 
 from packit_sim.core.errors import ArgumentError
 
@@ -29,6 +27,9 @@ FINE = CELL / FINE_PER_CELL
 
 STEP = 4
 """Cells between neighbouring grid nodes."""
+
+MOVES = 3
+"""Maximum number of straight moves in a route: two along the axes, and one up."""
 
 BOX_CELLS = (100, 100, 100)
 """Cells along each axis of the benchmark's box, the unit cube."""
@@ -54,12 +55,12 @@ _CELLS_LIMIT = 2**31
 Triple = tuple[int, int, int]
 
 
-def cell_box(extents: npt.ArrayLike) -> Triple:
+def cell_box(extents: Iterable[float]) -> Triple:
     """Compute the cell box of extents.
 
     Parameters
     ----------
-    extents : array_like
+    extents : iterable of float
         (3,) in box units.
 
     Returns
@@ -67,8 +68,8 @@ def cell_box(extents: npt.ArrayLike) -> Triple:
     Triple
         Cells along each axis, from 1 to 2**31.
     """
-    cells = np.ceil(np.asarray(extents, dtype=float) * CELLS_PER_UNIT - CELL_ROUNDING)
-    x, y, z = np.minimum(np.maximum(cells, 1), _CELLS_LIMIT).astype(int).tolist()
+    cells = (extent * CELLS_PER_UNIT - CELL_ROUNDING for extent in extents)
+    x, y, z = (math.ceil(min(max(float(each), 1.0), _CELLS_LIMIT)) for each in cells)
     return x, y, z
 
 

@@ -9,13 +9,14 @@ import hashlib
 import math
 import operator
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
 from packit_sim.core.caches import bounded_cache, cached_property
+from packit_sim.core.choices import Axis
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Ints
@@ -31,8 +32,6 @@ VOXELS_BUDGET = 128 * 2**20
 
 TURNED_VOXELS_BUDGET = 256 * 2**20
 """The same for items in any rotation; evolution turns each shape of its pool many times."""
-
-Axis = Literal["x", "y", "z"]
 
 UP_AXES: tuple[Axis, ...] = get_args(Axis)
 """The axes that may point up in a mesh file."""

@@ -13,13 +13,14 @@ from types import MappingProxyType
 from typing import Any
 
 from packit_sim.core.assets import assets_folder
+from packit_sim.core.choices import SPLITS
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.core.plain_text import listed
+from packit_sim.core.suggestions import did_you_mean
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.shapenet import TAXONOMY, ShapeNet
 from packit_sim.libraries.sources import ShapeInfo, Source
-from packit_sim.libraries.splits import SPLITS
 from packit_sim.libraries.stored import CATALOGUE, StoredLibrary
 
 SCHEMES = ("folder", "shapenet")
@@ -287,6 +288,7 @@ def _source(source: str | Path, seed: int) -> Source:
         raise LibraryError(
             f"no shape library {str(source)!r}: it is neither built in "
             f"({', '.join(builtin_names())}) nor a folder"
+            f"{': ' if (hint := did_you_mean(str(source), builtin_names())) else ''}{hint.strip()}"
         )
     if scheme == "shapenet":
         return ShapeNet(folder, seed)

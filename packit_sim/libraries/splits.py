@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping
-from typing import Literal, get_args
 
 import numpy as np
 
 from packit_sim.core.checks import Range, check_range
-
-Split = Literal["train", "test", "validation"]
-
-SPLITS: tuple[str, ...] = get_args(Split)
-"""The three splits of a library (paper, section 3)."""
+from packit_sim.core.choices import SPLITS
 
 MAX_SHAPES = 100
 """Maximum number of shapes of a category in a split (paper, section 3)."""

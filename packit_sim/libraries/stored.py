@@ -22,6 +22,7 @@ from typing import TypeVar
 from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
+from packit_sim.core.choices import SPLITS
 from packit_sim.core.errors import LibraryError, MeshError, located
 from packit_sim.core.files import exchange, naming, read_whole
 from packit_sim.geometry.quantized import QuantizedMesh
@@ -336,7 +337,7 @@ def _digest(infos: Mapping[str, ShapeInfo], divided: Mapping[str, Sequence[str]]
         (info.id, info.category, info.group, info.volume, info.digest)
         for _, info in sorted(infos.items())
     ]
-    facts = [shapes, {name: list(divided[name]) for name in splits.SPLITS}]
+    facts = [shapes, {name: list(divided[name]) for name in SPLITS}]
     digest = hashlib.sha256(json.dumps(facts).encode()).hexdigest()
     return FORMER_DIGESTS.get(digest, digest)
 

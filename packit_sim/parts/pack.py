@@ -8,13 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from packit_sim.core.checks import as_integer, check_range
+from packit_sim.core.choices import Goal
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.parts.filling.candidates import in_order
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.search import PackingSearch
-from packit_sim.parts.filling.task import Goal, PackSettings
+from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.packings.bounds import SECONDS, SEEDS
 from packit_sim.parts.reading.boxes import Boxes
 from packit_sim.parts.reading.part import Part

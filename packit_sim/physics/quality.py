@@ -8,12 +8,11 @@ import numpy as np
 
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.items import Contents, PlacedItem
-from packit_sim.geometry.lattice import CELL, STEP
+from packit_sim.geometry.lattice import CELL, MOVES, STEP
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import settle
 from packit_sim.physics.stability import Stability, stability, stable_share
 from packit_sim.placement import (
-    MOVES,
     Compacted,
     Disassembly,
     compact,

@@ -18,9 +18,10 @@ from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.render.cameras import Camera
-from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
+from packit_sim.render.defaults import BACKGROUND, MAX_SIDE
+from packit_sim.render.image_files import RGBImage, save_png
 from packit_sim.render.lettering import ELLIPSIS, font_of, line_height, lines_of, plain, shortened
-from packit_sim.render.looks import BACKGROUND, Look
+from packit_sim.render.looks import Look
 from packit_sim.render.scene import Scene
 
 MIN_SIDE = 16

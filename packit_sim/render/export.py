@@ -21,12 +21,10 @@ from packit_sim.geometry.items import Contents, ItemInBox
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Shape
 from packit_sim.render.coloring import Color, Coloring, by_item, hexadecimal
+from packit_sim.render.defaults import UNIT_MM
 from packit_sim.render.export_3mf import PlacedMesh, encode_3mf
 from packit_sim.render.image_files import output_file
 from packit_sim.render.lettering import plain
-
-UNIT_MM = 100.0
-"""Default millimetres per box unit, in formats for 3D printing."""
 
 BOX = "box"
 """The name of the node above the items in a GLB: its frame is the box's."""

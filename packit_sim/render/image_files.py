@@ -19,9 +19,6 @@ from packit_sim.core.files import replacing
 RGBImage = npt.NDArray[np.uint8]
 """An image of shape (H, W, 3), uint8, red, green and blue."""
 
-MAX_SIDE = 2048
-"""The largest width and height of an image, in pixels."""
-
 
 @contextlib.contextmanager
 def output_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:

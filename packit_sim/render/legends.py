@@ -8,9 +8,9 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from packit_sim.render.coloring import Color, ColorKey, ColorScale, Legend, ramp
+from packit_sim.render.defaults import RGB
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.lettering import font_of, line_height, plain, shortened
-from packit_sim.render.looks import RGB
 
 _STEPS = 64
 """Stripes in the colour ramp of a scale."""

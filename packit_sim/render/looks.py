@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 from packit_sim.core.checks import POSITIVE, Range, check_range
+from packit_sim.core.choices import Axis, BoxStyle
 from packit_sim.core.errors import ArgumentError
-from packit_sim.geometry.shapes import UP_AXES, Axis
+from packit_sim.geometry.shapes import UP_AXES
 from packit_sim.render.cameras import ISO, Camera
 from packit_sim.render.coloring import Coloring, by_item
+from packit_sim.render.defaults import BACKGROUND, RGB
 
-RGB = tuple[int, int, int]
-"""Red, green and blue, 0 to 255."""
-
-BACKGROUND: RGB = (246, 247, 249)
-"""The colour of the background."""
-
-BoxStyle = Literal["edges", "ghost", "none"]
 BOX_STYLES: tuple[BoxStyle, ...] = get_args(BoxStyle)
 
 

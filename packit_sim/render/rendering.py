@@ -11,8 +11,9 @@ import numpy.typing as npt
 from packit_sim.core.checks import Range, check_range
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Legend
+from packit_sim.render.defaults import MAX_SIDE
 from packit_sim.render.ghosts import Ghost
-from packit_sim.render.image_files import MAX_SIDE, RGBImage, output_file, save_png
+from packit_sim.render.image_files import RGBImage, output_file, save_png
 from packit_sim.render.looks import Look
 from packit_sim.render.pixel_kernels import resolve
 from packit_sim.render.worlds import DrawnWorld, View

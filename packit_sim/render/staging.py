@@ -13,8 +13,9 @@ from packit_sim.geometry.items import ItemInBox, PlacedItem
 from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Color
+from packit_sim.render.defaults import RGB
 from packit_sim.render.layouts import Layout
-from packit_sim.render.looks import RGB, Cut, Look
+from packit_sim.render.looks import Cut, Look
 from packit_sim.render.sections import BRIGHTNESS, is_beyond, section
 from packit_sim.render.worlds import DrawnWorld
 

@@ -19,7 +19,7 @@ import rich
 from packit_sim.core.errors import RenderError
 from packit_sim.core.extras import needed_for
 from packit_sim.render.cameras import ISO, TOP, Camera
-from packit_sim.render.looks import BACKGROUND
+from packit_sim.render.defaults import BACKGROUND
 from packit_sim.web.origins import EVERYWHERE, LOOPBACK, refused
 
 if TYPE_CHECKING:  # the only module that imports viser: others take its types from here

@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from packit_sim.cli.console import AddressOption, console, progress_bars
-from packit_sim.cli.output import RESUMABLE, stoppable
+from packit_sim.cli.options import AddressOption
+from packit_sim.cli.stopping import RESUMABLE, stoppable
 from packit_sim.core.extras import needed_for
-from packit_sim.render import plots
+from packit_sim.core.lazy_imports import lazy_imports
+
+with lazy_imports():
+    from packit_sim.cli import terminal
+    from packit_sim.render import plots
 
 if TYPE_CHECKING:
     from packit_agents.learning.training import Progress
@@ -51,7 +55,7 @@ def train_command(
         stoppable(RESUMABLE),
         closing(Training(settings, out, device, ray_workers, address)) as training,
     ):
-        with progress_bars() as progress:
+        with terminal.progress_bars() as progress:
             bar = progress.add_task("training", total=settings.steps, note="")
 
             def show(at: Progress) -> None:
@@ -63,7 +67,7 @@ def train_command(
         draw(training.curve, out / "curve.png")
     best = training.best
     assert best is not None
-    console.print(
+    terminal.console.print(
         f"best after {best.steps} steps: Average Reward {best.validation.mean:.3f} in validation; "
         f"wrote {out / 'best.safetensors'} and curve.png"
     )

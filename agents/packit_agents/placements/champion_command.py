@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from packit_sim.cli.console import WorkersOption, console, progress_bars
-from packit_sim.cli.output import RESUMABLE, stoppable
+from packit_sim.cli.options import WorkersOption
+from packit_sim.cli.stopping import RESUMABLE, stoppable
 from packit_sim.core.extras import needed_for
-from packit_sim.core.parallel import Workers
+from packit_sim.core.lazy_imports import lazy_imports
+
+with lazy_imports():
+    from packit_sim.cli import terminal
+    from packit_sim.core import parallel
 
 if TYPE_CHECKING:
     from packit_agents.placements.champion_training import RoundResult
@@ -54,7 +58,7 @@ def train_champion_command(
     )
     with stoppable(RESUMABLE):
         training = PlacementTraining(settings, out)
-        with Workers(workers) as processes, progress_bars() as progress:
+        with parallel.Workers(workers) as processes, terminal.progress_bars() as progress:
             bar = progress.add_task("training", total=settings.rounds, note="")
 
             def show(at: RoundResult) -> None:
@@ -63,7 +67,7 @@ def train_champion_command(
 
             training.run(processes, show)
     best = training.best
-    console.print(
+    terminal.console.print(
         f"best after {best.steps} rounds: Average Reward {best.validation.mean:.3f} in validation; "
         f"wrote {out / 'best.safetensors'}"
     )

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim.core.check_reports import FileProblem, Report, named
+from packit_sim.core.choices import SPLITS
 from packit_sim.core.errors import (
     LibraryError,
     MeshError,
@@ -54,7 +55,6 @@ from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.data_files import numbered_lines, read_bytes
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.libraries.splits import SPLITS
 
 VOLUME_SLACK = 1e-6
 """Largest relative difference between a recorded volume and that of the mesh: rounding of sums."""

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim.core import templates
+from packit_sim.game.datasets.builtin import DEFAULT_LIBRARY
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
-from packit_sim.game.datasets.pack_files import DEFAULT_LIBRARY, WHOLE, dataset_files, dataset_path
+from packit_sim.game.datasets.pack_files import WHOLE, dataset_files, dataset_path
 from packit_sim.game.datasets.packs import LibraryRef
 from packit_sim.game.datasets.split_summaries import SplitSummary
 from packit_sim.libraries.library import ShapeLibrary

@@ -17,6 +17,7 @@ from pathlib import Path
 from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
+from packit_sim.core.choices import Split
 from packit_sim.core.errors import PackFormatError
 from packit_sim.core.files import (
     followed,
@@ -28,7 +29,6 @@ from packit_sim.core.files import (
 from packit_sim.core.version import __version__
 from packit_sim.game.datasets.packs import FORMAT, LibraryRef
 from packit_sim.game.datasets.provenance import Count
-from packit_sim.libraries.splits import Split
 
 SUFFIX = ".manifest.json"
 """A manifest's name is the whole name of its file, and this suffix."""

@@ -7,35 +7,17 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from packit_sim.core.assets import assets_folder
+from packit_sim.core.choices import SPLITS
 from packit_sim.core.errors import LibraryError, PackFormatError, located
+from packit_sim.core.suggestions import did_you_mean
+from packit_sim.game.datasets.builtin import DEFAULT_LIBRARY, builtin_datasets
 from packit_sim.game.datasets.manifests import Manifest, find_manifest, write_described
 from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.libraries.data_files import numbered_lines, read_bytes
 from packit_sim.libraries.library import ShapeLibrary, builtin_names
-from packit_sim.libraries.splits import SPLITS
-
-STARTER_PACKS = "starter"
-"""The name of the small built-in dataset."""
 
 WHOLE = "packs"
 """The name of the only file, "packs.jsonl", of a dataset without splits."""
-
-BUILTIN_DATASETS = {
-    "starter": "ten small packs, to try things out",
-    "everyday-v1": "the benchmark: 550 packs of 10 to 35 items, in three splits",
-    "everyday-v1-history": "packs from the course of 16 evolutions, for the hardness curve",
-    "everyday-hard": "550 packs of 20 hollow items that no search finishes, in three splits",
-    "puzzles": "40 boxes cut into 8 to 32 pieces, which fill them: cuboids, polycubes, curved ones",
-}
-"""The built-in datasets, with a description of each."""
-
-DEFAULT_LIBRARY = "everyday"
-"""The built-in library of the built-in datasets."""
-
-
-def builtin_datasets() -> tuple[str, ...]:
-    """Return the names of the built-in datasets."""
-    return tuple(sorted(path.name for path in (assets_folder() / "packs").iterdir()))
 
 
 def dataset_path(source: Path | str) -> Path:
@@ -80,6 +62,7 @@ def dataset_file(source: Path | str, split: str | None = None) -> Path:
     if not path.exists():
         raise PackFormatError(
             f"packs can't be read from {path}: No such file or directory; "
+            f"{did_you_mean(str(source), builtin_datasets())}"
             f"datasets that come with the package: {', '.join(builtin_datasets())}"
         )
     if not path.is_dir():

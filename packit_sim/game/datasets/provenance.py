@@ -7,10 +7,10 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 from msgspec import Meta, Struct, field, structs
 
+from packit_sim.core.choices import Split
 from packit_sim.game.datasets.densification_settings import DensificationSettings
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
 from packit_sim.geometry import rotations
-from packit_sim.libraries.splits import Split
 from packit_sim.physics.convex.settings import Method
 from packit_sim.rules import PACKIT, End, Rules
 

@@ -137,7 +137,8 @@ def insertion_problems(placed: Sequence[PlacedItem]) -> Iterator[str]:
 @cache
 def _builtin_tasks() -> dict[str, Facts]:
     """Return the items of all tasks of the built-in datasets, by digest."""
-    from packit_sim.game.datasets.pack_files import builtin_datasets, dataset_files, read_packs
+    from packit_sim.game.datasets.builtin import builtin_datasets
+    from packit_sim.game.datasets.pack_files import dataset_files, read_packs
 
     packs = [
         pack

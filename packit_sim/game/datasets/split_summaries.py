@@ -11,10 +11,11 @@ from typing import Any
 
 from packit_sim.core.errors import PackFormatError
 from packit_sim.core.files import digest_of
+from packit_sim.game.datasets.builtin import DEFAULT_LIBRARY
 from packit_sim.game.datasets.densification_settings import DensificationSettings
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
 from packit_sim.game.datasets.manifests import Manifest, find_manifest
-from packit_sim.game.datasets.pack_files import DEFAULT_LIBRARY, WHOLE, read_packs
+from packit_sim.game.datasets.pack_files import WHOLE, read_packs
 from packit_sim.game.datasets.packs import Pack
 from packit_sim.game.datasets.provenance import Densified, Evolved, Puzzle
 from packit_sim.game.datasets.statistics import DatasetStatistics

@@ -21,7 +21,7 @@ from gymnasium import spaces
 from packit_sim.core.counters import ComparisonCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.core.plain_text import plain_logger
-from packit_sim.game.datasets.pack_files import STARTER_PACKS
+from packit_sim.game.datasets.builtin import STARTER_PACKS
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.envs.observations import OBSERVERS, Observation
 from packit_sim.game.envs.task_source import GENERATED, Order, TaskMaker, TaskSource

@@ -10,8 +10,9 @@ import numpy as np
 
 from packit_sim.core.checks import as_integer
 from packit_sim.core.errors import ArgumentError
+from packit_sim.game.datasets.builtin import DEFAULT_LIBRARY
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
-from packit_sim.game.datasets.pack_files import DEFAULT_LIBRARY, load_tasks
+from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.generation.task_sampler import TaskSampler
 from packit_sim.geometry.lattice import BOX_CELLS, Triple

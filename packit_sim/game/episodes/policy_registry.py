@@ -17,6 +17,7 @@ from typing import Any
 
 from packit_sim.core.errors import PackItError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.suggestions import did_you_mean
 from packit_sim.game.episodes.episode import Stage
 from packit_sim.game.episodes.policies import Policy
 
@@ -174,6 +175,9 @@ def load_search(name: str) -> Any:
 def _load(group: str, kind: str, name: str) -> Any:
     installed = _installed(group)
     if name not in installed:
-        raise UnknownPolicyError(f"there is no {kind} {name!r}: choose from {', '.join(installed)}")
+        raise UnknownPolicyError(
+            f"there is no {kind} {name!r}: {did_you_mean(name, installed)}"
+            f"choose from {', '.join(installed)}"
+        )
     with needed_for(f"agents with the {kind} {name!r}"):
         return installed[name].load()

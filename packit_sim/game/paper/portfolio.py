@@ -43,9 +43,6 @@ FIRST_TASKS = 50
 SECONDS = 60.0
 """Processor seconds of each search on each task."""
 
-QUICK_SECONDS = 3.0
-"""The same, for a first look."""
-
 TIMES = (1.0, 3.0, 10.0, 30.0, 60.0)
 """The seconds of the table's columns."""
 

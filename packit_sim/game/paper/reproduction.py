@@ -14,12 +14,12 @@ from packit_sim.game.episodes.episode import Stage
 from packit_sim.game.episodes.policy_registry import policy_names
 from packit_sim.game.evaluation.evaluation import Score, compare
 from packit_sim.game.evaluation.results import Rollout
+from packit_sim.game.paper.names import HEURISTIC, TABLE_NAMES
 from packit_sim.render import plots
 from packit_sim.rules import PACKIT, Rules
 
 EASY = Rules(easy=True)
 
-HEURISTIC = "largest-first/aligned/blbf"
 LEARNING = "packnn/aligned/blbf"
 
 STRONGER = (
@@ -189,6 +189,7 @@ TABLES = {
     ),
 }
 """The tables by name, the argument of `packit reproduce`."""
+assert tuple(TABLES) == TABLE_NAMES
 
 
 @dataclass(frozen=True)

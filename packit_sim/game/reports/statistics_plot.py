@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.choices import SPLITS
 from packit_sim.game.datasets.statistics import DatasetStatistics
-from packit_sim.libraries.splits import SPLITS
 from packit_sim.render import plots
 
 MIN_BINS, MAX_BINS = 7, 24

@@ -8,18 +8,13 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
+from packit_sim.core.choices import Goal
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.length_units import Unit
 from packit_sim.core.parallel import Threads
 from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
-from packit_sim.parts.filling.task import (
-    Goal,
-    PackSettings,
-    PackTask,
-    check_margin,
-    check_objective,
-)
+from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
 from packit_sim.parts.packings.rotation_sets import FIXED
 from packit_sim.parts.reading.boxes import Boxes, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts

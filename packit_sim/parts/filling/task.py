@@ -7,15 +7,16 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer, check_range
+from packit_sim.core.choices import Goal, SearchBackend
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
-from packit_sim.core.parallel import SearchBackend, check_search_workers
+from packit_sim.core.parallel import check_search_workers
 from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import COUNTS, DISTANCES, ITERATIONS, LENGTHS
@@ -30,10 +31,7 @@ from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
 from packit_sim.parts.reading.sizes import too_large
 from packit_sim.parts.reading.units import check_unit
 
-Goal = Literal["volume", "count", "value", "height", "boxes"]
-
 GOALS: tuple[Goal, ...] = get_args(Goal)
-"""Objectives: most volume, parts or value; or all parts, lowest or in the fewest boxes."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from packit_sim.core.checks import as_integer, check_range
+from packit_sim.core.choices import SearchBackend
 from packit_sim.core.errors import ArgumentError, PackItError
-from packit_sim.core.parallel import SearchBackend, search_workers
+from packit_sim.core.parallel import search_workers
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import ROTATION_SLACK, Motion

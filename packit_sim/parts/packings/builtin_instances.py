@@ -18,11 +18,12 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.polygons import cut_into_triangles
 from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 
-__all__ = ["BuiltinInstance", "builtin_instance", "builtin_names"]
+__all__ = ["BuiltinInstance", "builtin_instance"]
 
 DIGITS = 9
 """Digits after the decimal point of all coordinates, so that the meshes do not depend on the
@@ -68,11 +69,6 @@ class _Items(NamedTuple):
     meshes: Sequence[trimesh.Trimesh]
     demands: Sequence[int]
     corners: Sequence[Sequence[Sequence[float]]] | None = None
-
-
-def builtin_names() -> tuple[str, ...]:
-    """Return the names of the built-in instances; each ends with the number of its items."""
-    return tuple(_INSTANCES)
 
 
 def builtin_instance(name: str, rotations: str = "cube") -> BuiltinInstance:
@@ -303,3 +299,4 @@ _INSTANCES: dict[str, tuple[tuple[float, float], Callable[[np.random.Generator],
     "cut-cube-16": ((CUBE_SIDE, CUBE_SIDE), partial(_cut_cube, 16, True)),
 }
 """The base and the formula of each instance."""
+assert tuple(_INSTANCES) == BUILTIN_NAMES

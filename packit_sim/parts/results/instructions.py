@@ -27,8 +27,9 @@ from packit_sim.parts.packings.posed_parts import contents
 from packit_sim.parts.results.wording import place_in_words, turn_in_words, way_in_words
 from packit_sim.render.cameras import Camera
 from packit_sim.render.coloring import Color, Colors
+from packit_sim.render.defaults import RGB
 from packit_sim.render.image_files import RGBImage
-from packit_sim.render.looks import RGB, Look
+from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
 
 WHITE: RGB = (255, 255, 255)

@@ -8,11 +8,12 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct, to_builtins
 
+from packit_sim.core.choices import Goal
 from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.filling.preparation import prepared_task
-from packit_sim.parts.filling.task import Goal, PackSettings, PackTask
+from packit_sim.parts.filling.task import PackSettings, PackTask
 from packit_sim.parts.packings.bounds import Extent
 from packit_sim.parts.packings.mesh_paths import file_inside
 from packit_sim.parts.reading.boxes import BoxType

@@ -17,12 +17,13 @@ import trimesh
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
+from packit_sim.core.choices import Goal
 from packit_sim.core.errors import ArgumentError, PackItError, message
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.temporary_folders import TemporaryFolder
 from packit_sim.geometry.motions import split
 from packit_sim.parts.filling.packed import PackedParts
-from packit_sim.parts.filling.task import Goal, PackSettings
+from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.reading.part import Part
