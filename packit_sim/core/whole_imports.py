@@ -20,7 +20,7 @@ class _Uninterrupted(MetaPathFinder):
         spec = PathFinder.find_spec(name, path, target)
         loader = None if spec is None else spec.loader
         if loader is not None:
-            loader.exec_module = _uninterrupted(loader.exec_module)  # type: ignore[method-assign]
+            vars(loader)["exec_module"] = _uninterrupted(loader.exec_module)
         return spec
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.choices import Goal
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.parts.filling.candidates import in_order
 from packit_sim.parts.filling.packed import PackedParts
@@ -19,10 +20,12 @@ from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.packings.bounds import SECONDS, SEEDS
 from packit_sim.parts.reading.boxes import Boxes
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.results.exports import write_result
 from packit_sim.parts.results.own_files import replaceable
 from packit_sim.parts.results.record import own_folder
 from packit_sim.parts.results.resuming import read_earlier
+
+with lazy_imports():  # pictures and pages, which the first packing does not wait for
+    from packit_sim.parts.results import exports
 
 _AFTER = 1.5
 """Seconds of the check and the exports, as a share of those of reading and preparing."""
@@ -138,5 +141,5 @@ def pack(
                 raise
             earlier = None
         packed = search(earlier)
-        write_result(packed, out, files, progress, instructions, film)
+        exports.write_result(packed, out, files, progress, instructions, film)
     return packed
