@@ -24,8 +24,7 @@ RUN useradd --create-home --uid 1000 packit \
 USER 1000
 WORKDIR /work
 RUN umask 000 \
-    && packit demo --generations 1 --out /tmp/demo && rm -r /tmp/demo \
-    && packit nest cut-cube-8 --iterations 1 --workers 1
+    && packit doctor --compile
 
 ENTRYPOINT ["packit"]
 CMD ["--help"]

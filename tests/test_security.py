@@ -111,6 +111,7 @@ PROGRAMS = {
     "packit_sim/libraries/step_files.py": "Python",
     "packit_sim/physics/convex/decomposition.py": "Python, for CoACD",
     "packit_sim/render/bullet.py": "Python, a probe of OpenGL",
+    "packit_sim/cli/compiling.py": "`packit` itself, for `packit doctor --compile`",
     "packit_sim/cli/machine_checks.py": "Python, a check of `packit doctor`",
     "packit_sim/cli/local_pages.py": "the browser",
 }

@@ -13,7 +13,7 @@ from packit_sim.core.lazy_imports import lazy_imports
 with lazy_imports():
     from rich import markup
 
-    from packit_sim.cli import machine_checks, output, terminal
+    from packit_sim.cli import compiling, machine_checks, output, terminal
 
 _OWN = 3
 """Checks of the installation itself, before those of packages."""
@@ -23,14 +23,20 @@ _STYLES = {"ok": "green", "missing": "yellow", "problem": "red"}
 
 def doctor_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    compile: Annotated[
+        bool,
+        typer.Option("--compile", help="First compile all that commands compile when first used."),
+    ] = False,
 ) -> None:
     """Check what works on this machine, and print remedies.
 
     It checks the packages (those that may crash in other processes), EGL, the cores, the memory and
     the cache folders. Exit code 1 if something required is broken.
 
-    Example: packit doctor --json
+    Example: packit doctor --compile
     """
+    if compile:
+        compiling.compile_shown()
     checks = machine_checks.all_checks()
     broken = [check for check in checks if check.required and check.status != "ok"]
     if as_json:

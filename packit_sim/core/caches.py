@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import os
+import sys
 import threading
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
@@ -29,7 +30,10 @@ _T = TypeVar("_T")
 lock = threading.RLock()
 """Guards the state that the threads share; the lock is also held across fork()."""
 
-os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
+if sys.platform != "win32":
+    os.register_at_fork(
+        before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release
+    )
 
 
 class cached_property(functools.cached_property[_T]):  # named as in the standard library

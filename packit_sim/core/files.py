@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import glob
 import hashlib
 import json
 import os
 import re
 import stat
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from packit_sim.core.errors import ArgumentError, BusyError
+from packit_sim.core.locks import HAS_LOCKS, lock
 
 _HERE, _EXCHANGE = -100, 2
 """Linux's AT_FDCWD and RENAME_EXCHANGE."""
@@ -173,6 +174,9 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
             os.chmod(name, 0o644)
+            if HAS_LOCKS:  # while it is locked, so that nobody takes it for unfinished
+                os.replace(name, target)
+        if not HAS_LOCKS:
             os.replace(name, target)
     except BaseException as error:
         if name is not None:
@@ -203,7 +207,8 @@ def exchange(one: Path, other: Path) -> None:
     OSError
         If the file system, or the system's library, has no such step; nothing has changed.
     """
-    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    libc = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
+    rename = getattr(libc, "renameat2", None)
     names = os.fsencode(one), os.fsencode(other)
     if rename is None or rename(_HERE, names[0], _HERE, names[1], _EXCHANGE) != 0:
         raise OSError(ctypes.get_errno(), "can't be exchanged in one step", str(other))
@@ -214,8 +219,12 @@ def remove_unfinished(path: Path) -> None:
     target = followed(path)
     for left in target.parent.glob(f"{glob.escape(_prefix(target))}{'[a-z0-9_]' * 8}{_SUFFIX}"):
         with suppress(OSError), open(left, "rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            left.unlink()
+            lock(file.fileno(), wait=False)
+            if HAS_LOCKS:
+                left.unlink()
+        if not HAS_LOCKS:
+            with suppress(OSError):  # of an open file
+                left.unlink()
 
 
 def followed(path: Path) -> Path:
@@ -281,7 +290,7 @@ def _temporary(target: Path) -> tuple[int, str]:
     while True:
         handle, name = tempfile.mkstemp(_SUFFIX, _prefix(target), target.parent)
         with suppress(OSError):  # some file systems have no locks
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            lock(handle)
         if os.path.exists(name):  # nobody has removed it before it was locked
             return handle, name
         os.close(handle)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-import resource
 from pathlib import Path
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
+_STATM = Path("/proc/self/statm")
+"""The file in which Linux reports the memory of a process, in pages."""
 
 
 def limit_memory(more: int) -> None:
-    """Limit the address space of this process.
+    """Limit the address space of this process, on Linux: other systems have no such limit.
 
     Parameters
     ----------
@@ -15,7 +22,9 @@ def limit_memory(more: int) -> None:
         The bytes that it may have in addition to those that it has now. A limit that it has
         already stays, if it is lower.
     """
-    has = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    if resource is None or not _STATM.exists():
+        return
+    has = int(_STATM.read_text().split()[0]) * resource.getpagesize()
     _, maximum = resource.getrlimit(resource.RLIMIT_AS)
     limit = has + more if maximum == resource.RLIM_INFINITY else min(has + more, maximum)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -25,17 +26,20 @@ def without_interrupts() -> Iterator[None]:
     None
         While Ctrl-C has to wait.
     """
-    resource_tracker.ensure_running()  # which lets Ctrl-C through when it starts
+    if sys.platform != "win32":
+        resource_tracker.ensure_running()  # which lets Ctrl-C through when it starts
     is_main = threading.current_thread() is threading.main_thread()
     handler = signal.getsignal(signal.SIGINT)
     arrived: list[int] = []
     if is_main and callable(handler):
         signal.signal(signal.SIGINT, lambda number, frame: arrived.append(number))
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    if sys.platform != "win32":
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if sys.platform != "win32":
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         if is_main and callable(handler):
             signal.signal(signal.SIGINT, handler)
             if arrived:

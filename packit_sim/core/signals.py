@@ -5,6 +5,7 @@ This module imports little, because it is the first that a command imports.
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -75,5 +76,5 @@ def _leave_to_parent() -> None:
             signal.signal(number, signal.SIG_DFL)
 
 
-if hasattr(os, "register_at_fork"):  # not on Windows
+if sys.platform != "win32":
     os.register_at_fork(after_in_child=_leave_to_parent)

@@ -18,7 +18,8 @@ def _renew_lock() -> None:
     _lock = threading.RLock()
 
 
-os.register_at_fork(after_in_child=_renew_lock)
+if sys.platform != "win32":
+    os.register_at_fork(after_in_child=_renew_lock)
 
 
 @contextlib.contextmanager
@@ -29,7 +30,7 @@ def quiet() -> Iterator[None]:
     -----
     The descriptors belong to the whole process: what other threads print in that time is lost too.
     """
-    libc = ctypes.CDLL(None)
+    libc = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
     with _lock, contextlib.ExitStack() as stack:
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(AttributeError, OSError, ValueError):

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
+import sys
 import tempfile
 import weakref
 from contextlib import suppress
 from pathlib import Path
+
+from packit_sim.core.locks import HAS_LOCKS, lock
+
+_OPEN = ".open"
+"""The file that stays open as long as the process lives, on Windows: it can't be removed."""
 
 
 class TemporaryFolder:
@@ -33,30 +38,36 @@ class TemporaryFolder:
         parent = Path(tempfile.gettempdir())
         for left in parent.glob(f"{name}{'[a-z0-9_]' * 8}"):
             with suppress(OSError):
-                _remove(left, _locked(left, fcntl.LOCK_NB), os.getpid())
+                _remove(left, _locked(left, wait=False), os.getpid())
         while True:
             self.path = Path(tempfile.mkdtemp(prefix=name, dir=parent))
-            lock = _locked(self.path)
+            descriptor = _locked(self.path)
             if self.path.exists():  # nobody has removed it before it was locked
                 break
-            os.close(lock)
-        self.remove = weakref.finalize(self, _remove, self.path, lock, os.getpid())
+            os.close(descriptor)
+        self.remove = weakref.finalize(self, _remove, self.path, descriptor, os.getpid())
 
 
-def _locked(folder: Path, wait: int = 0) -> int:
-    """Lock a folder of this user, and return its descriptor; raise OSError if that fails."""
+def _locked(folder: Path, wait: bool = True) -> int:
+    """Lock a folder of this user, and return a descriptor; raise OSError if that fails."""
+    if sys.platform == "win32" or not HAS_LOCKS:
+        (folder / _OPEN).unlink(missing_ok=True)
+        return os.open(folder / _OPEN, os.O_CREAT | os.O_RDWR)
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         if os.fstat(descriptor).st_uid != os.getuid():
             raise PermissionError(str(folder))
-        fcntl.flock(descriptor, fcntl.LOCK_EX | wait)
+        lock(descriptor, wait=wait)
     except BaseException:
         os.close(descriptor)
         raise
     return descriptor
 
 
-def _remove(folder: Path, lock: int, owner: int) -> None:
+def _remove(folder: Path, descriptor: int, owner: int) -> None:
     if os.getpid() == owner:  # a forked child leaves it to its parent
+        if not HAS_LOCKS:
+            os.close(descriptor)
         shutil.rmtree(folder, ignore_errors=True)
-        os.close(lock)
+        if HAS_LOCKS:
+            os.close(descriptor)

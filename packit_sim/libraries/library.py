@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
@@ -270,7 +271,8 @@ def _builtin(folder: Path) -> StoredLibrary:
     return StoredLibrary(folder)
 
 
-os.register_at_fork(after_in_child=_builtin.cache_clear)  # a thread may hold its lock
+if sys.platform != "win32":
+    os.register_at_fork(after_in_child=_builtin.cache_clear)  # a thread may hold its lock
 
 
 def _source(source: str | Path, seed: int) -> Source:

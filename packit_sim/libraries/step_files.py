@@ -54,12 +54,16 @@ _ROUNDING = 1e-7
 """Largest rounding, relative to the diagonal: cascadio writes 32-bit floats."""
 
 _RUN = """
-import resource, sys
+import sys
+try:
+    import resource
+except ImportError:  # Windows, where only the time of the clock is limited
+    resource = None
 sys.modules["trimesh"] = None  # cascadio would import it, which takes seconds, for what is not used
 import cascadio
 path, seconds, memory, *tolerances = sys.argv[1:]
 limits = {"RLIMIT_CORE": 0, "RLIMIT_CPU": int(seconds), "RLIMIT_AS": int(memory)}
-for name, limit in limits.items():
+for name, limit in limits.items() if resource else ():
     kind = getattr(resource, name)
     now = resource.getrlimit(kind)[1]  # may be lower in an import, and can't be raised
     limit = limit if now == resource.RLIM_INFINITY else min(limit, now)

@@ -51,7 +51,8 @@ _MARGIN = 0.001
 """Metres by which PyBullet grows every convex piece that it loads; meshes stay as they are."""
 
 _EGL = threading.Lock()
-os.register_at_fork(after_in_child=lambda: _EGL.acquire(blocking=False))  # no EGL in a child
+if sys.platform != "win32":
+    os.register_at_fork(after_in_child=lambda: _EGL.acquire(blocking=False))  # no EGL in a child
 
 
 class BulletClient:

@@ -42,11 +42,16 @@ _PATIENCE = 20
 """Limit of CoACD's wall-clock time, relative to that of its CPU time."""
 
 _RUN = """
-import json, resource, sys
+import json, sys
 import numpy as np
 settings, seconds = json.loads(sys.argv[2]), int(sys.argv[3])
-resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
-resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+try:
+    import resource
+except ImportError:  # Windows, where only the time of the clock is limited
+    pass
+else:
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 import coacd
 coacd.set_log_level("off")
 with np.load(sys.argv[1] + "/mesh.npz") as mesh:
