@@ -71,8 +71,10 @@ lint: $(STAMP) ## ruff: rules and format; pydoclint: docstrings; import-linter: 
 		| grep -vP 'DOC10[1567]|DOC103(?!.*in the docstring but not)'
 	@$(BIN)/lint-imports --no-cache > /dev/null || $(BIN)/lint-imports --no-cache
 
-types: $(STAMP) ## mypy
+types: $(STAMP) ## mypy; of the package also as on Windows and macOS
 	@$(BIN)/mypy
+	@$(BIN)/mypy --platform win32 --cache-dir .mypy_cache/win32 packit_sim agents/packit_agents
+	@$(BIN)/mypy --platform darwin --cache-dir .mypy_cache/darwin packit_sim agents/packit_agents
 
 docs: $(STAMP) ## the documentation site, into build/site; a warning is an error
 	@rm -rf docs/reference/api

@@ -18,6 +18,7 @@ import numba
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
+from packit_sim.core.locks import lock
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.version import __version__
 
@@ -185,15 +186,13 @@ class _ProcessLock:
     def _locked(self) -> int | None:
         """Return the descriptor of the locked file."""
         try:
-            import fcntl
-
             descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-        except (ImportError, OSError):
+        except OSError:
             return None
         end = time.monotonic() + LOCK_SECONDS
         while time.monotonic() < end:
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock(descriptor, wait=False)
                 return descriptor
             except BlockingIOError:
                 time.sleep(POLL_SECONDS)
@@ -238,8 +237,9 @@ class _Announcement(event.Listener):  # type: ignore[misc] # numba's own hints a
 
 event.register("numba:compile", _Announcement())
 
-os.register_at_fork(  # a child would wait forever for a thread that was compiling
-    before=global_compiler_lock.acquire,
-    after_in_parent=global_compiler_lock.release,
-    after_in_child=global_compiler_lock.release,
-)
+if sys.platform != "win32":
+    os.register_at_fork(  # a child would wait forever for a thread that was compiling
+        before=global_compiler_lock.acquire,
+        after_in_parent=global_compiler_lock.release,
+        after_in_child=global_compiler_lock.release,
+    )

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-
-try:
-    import resource
-except ImportError:  # Windows
-    resource = None  # type: ignore[assignment]
 
 _STATM = Path("/proc/self/statm")
 """The file in which Linux reports the memory of a process, in pages."""
@@ -22,9 +18,14 @@ def limit_memory(more: int) -> None:
         The bytes that it may have in addition to those that it has now. A limit that it has
         already stays, if it is lower.
     """
-    if resource is None or not _STATM.exists():
-        return
-    has = int(_STATM.read_text().split()[0]) * resource.getpagesize()
-    _, maximum = resource.getrlimit(resource.RLIMIT_AS)
-    limit = has + more if maximum == resource.RLIM_INFINITY else min(has + more, maximum)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    if sys.platform != "win32":
+        try:
+            import resource
+        except ImportError:
+            return
+        if not _STATM.exists():  # macOS
+            return
+        has = int(_STATM.read_text().split()[0]) * resource.getpagesize()
+        _, maximum = resource.getrlimit(resource.RLIMIT_AS)
+        limit = has + more if maximum == resource.RLIM_INFINITY else min(has + more, maximum)
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

@@ -50,18 +50,19 @@ class TemporaryFolder:
 
 def _locked(folder: Path, wait: bool = True) -> int:
     """Lock a folder of this user, and return a descriptor; raise OSError if that fails."""
-    if sys.platform == "win32" or not HAS_LOCKS:
-        (folder / _OPEN).unlink(missing_ok=True)
-        return os.open(folder / _OPEN, os.O_CREAT | os.O_RDWR)
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    try:
-        if os.fstat(descriptor).st_uid != os.getuid():
-            raise PermissionError(str(folder))
-        lock(descriptor, wait=wait)
-    except BaseException:
-        os.close(descriptor)
-        raise
-    return descriptor
+    if sys.platform != "win32":
+        if HAS_LOCKS:
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                if os.fstat(descriptor).st_uid != os.getuid():
+                    raise PermissionError(str(folder))
+                lock(descriptor, wait=wait)
+            except BaseException:
+                os.close(descriptor)
+                raise
+            return descriptor
+    (folder / _OPEN).unlink(missing_ok=True)
+    return os.open(folder / _OPEN, os.O_CREAT | os.O_RDWR)
 
 
 def _remove(folder: Path, descriptor: int, owner: int) -> None:

@@ -224,7 +224,7 @@ def _prepared(
         max_workers=settings.workers,
         initializer=_begin,
         initargs=(settings.memory, os.getpid()),
-        context=multiprocessing.get_context("spawn"),
+        context=multiprocessing.get_context("spawn"),  # type: ignore[arg-type,unused-ignore]
     ) as pool:
         with without_interrupts():
             futures = [

@@ -250,7 +250,7 @@ def _hulls(shape: Shape, settings: DecompositionSettings) -> tuple[list[Floats],
             )
         except subprocess.TimeoutExpired:
             return [], f"it took more than {_PATIENCE * settings.seconds} s"
-        if run.returncode == -signal.SIGXCPU:
+        if sys.platform != "win32" and run.returncode == -signal.SIGXCPU:
             return [], f"it took more than {settings.seconds} s of CPU time"
         if run.returncode:
             return [], f"it ended with status {run.returncode}"
