@@ -38,6 +38,9 @@ def lazy_imports() -> Iterator[None]:
     Write `from package import module` in it: `from package.module import name` uses the name, and
     executes the module at once. Type checkers and import-linter see usual imports.
 
+    It is for modules of commands, which the main thread uses first: before Python 3.11.9 and 3.12.3
+    two threads must not be the first to use a lazy module at the same time.
+
     Yields
     ------
     None

@@ -10,7 +10,6 @@ from pathlib import Path
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.choices import Goal
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.parts.filling.candidates import in_order
 from packit_sim.parts.filling.packed import PackedParts
@@ -23,9 +22,6 @@ from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results.own_files import replaceable
 from packit_sim.parts.results.record import own_folder
 from packit_sim.parts.results.resuming import read_earlier
-
-with lazy_imports():  # pictures and pages, which the first packing does not wait for
-    from packit_sim.parts.results import exports
 
 _AFTER = 1.5
 """Seconds of the check and the exports, as a share of those of reading and preparing."""
@@ -141,5 +137,7 @@ def pack(
                 raise
             earlier = None
         packed = search(earlier)
-        exports.write_result(packed, out, files, progress, instructions, film)
+        from packit_sim.parts.results.exports import write_result  # the search need not wait for it
+
+        write_result(packed, out, files, progress, instructions, film)
     return packed
