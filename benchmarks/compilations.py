@@ -26,8 +26,10 @@ from benchmarks.common import (
     write_into_page,
     write_json,
 )
+from benchmarks.first_answers import BOX, write_parts
+from benchmarks.packing_parts import UNIT_MM
 from benchmarks.starts import PAGE
-from benchmarks.whole_commands import write_parts
+from packit_sim.geometry.lattice import CELL
 
 FILE = "compilations.json"
 
@@ -119,9 +121,10 @@ def main() -> None:
         parts = Path(folder) / "parts"
         parts.mkdir()
         write_parts(PARTS, parts)
-        box = ("--box", "100x100x100mm", "--time", "600", "--out", f"{folder}/packed")
+        box = "x".join(f"{side * CELL * UNIT_MM:g}" for side in BOX) + "mm"
+        options = ("--box", box, "--time", "600", "--out", f"{folder}/packed")
         commands = {
-            "packit pack": ["pack", str(parts), *box],
+            "packit pack": ["pack", str(parts), *options],
             "packit demo": ["demo", "--out", f"{folder}/demo"],
         }
         for name, words in commands.items():
