@@ -416,7 +416,7 @@ class Judge:
 
     def _in_folder(self, path: Path) -> None:
         self._leads_inside(path)
-        _require(path.is_file(), "no mesh")
+        _require(os.path.isfile(path), "no mesh")  # also False for a name that is too long
 
     def _leads_inside(self, path: Path) -> None:
         root = os.path.realpath(self.folder)
