@@ -70,6 +70,13 @@ def test_the_judge_refuses_a_name_that_is_too_long(right: list[Case]) -> None:
     assert judge.verdict(json.dumps(record).encode()) == ("wrong", "no mesh")
 
 
+def test_the_judge_knows_records_of_earlier_versions(right: list[Case]) -> None:
+    record = json.loads(json.dumps(right[0].record))
+    del record["request"]["separable"]
+    judge = Judge(right[0].folder, right[0].record)
+    assert judge.verdict(json.dumps(record).encode()) == ("right", "")
+
+
 def test_the_judge_names_exports_that_are_missing(right: list[Case]) -> None:
     record = json.loads(json.dumps(right[0].record))
     record["files"]["packing.stl"] = "0" * 64
