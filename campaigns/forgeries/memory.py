@@ -20,8 +20,9 @@ from packit_sim.libraries import mesh_files
 from packit_sim.parts.filling import preparation
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.reading import prepared
+from packit_sim.parts.reading.masses import centre_of_mass
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.prepared import PreparedPart
+from packit_sim.parts.reading.prepared import PreparedPart, prepare
 from packit_sim.parts.results import check
 
 MOST = 2000
@@ -34,7 +35,7 @@ _DERIVED = "vertices", "faces", "volume", "low", "high", "shape", "digest"
 @contextmanager
 def remembered() -> Iterator[None]:
     """Remember what is computed from meshes; errors are not remembered."""
-    read, build, prepare = mesh_files._read, ItemType.__post_init__, preparation.prepare
+    read, build = mesh_files._read, ItemType.__post_init__
     types: LRUCache[Hashable, ItemType] = LRUCache(MOST)
 
     @_by(lambda content, suffix, *_: (content, suffix))
@@ -60,7 +61,7 @@ def remembered() -> Iterator[None]:
         (mesh_files, "_read", scene),
         (ItemType, "__post_init__", built),
         (preparation, "prepare", lambda part, *given: replace(once(part, *given), part=part)),
-        (prepared, "centre_of_mass", _by(lambda own: own.digest)(prepared.centre_of_mass)),
+        (prepared, "centre_of_mass", _by(lambda own: own.digest)(centre_of_mass)),
         (check, "_Original", _by(_original_key)(check._Original)),
     ]
     with ExitStack() as stack:
