@@ -6,8 +6,8 @@
     .venv/bin/python -m campaigns.forgeries --table
 
 Writes `campaigns/results/forgeries.json`, also with each forgery that was verified, refused or
-resumed wrongly; --resume continues an interrupted run of the same code. --table writes the table
-of the page.
+resumed wrongly; --resume continues a run of the same code that was interrupted, or that had fewer.
+--table writes the table of the page.
 """
 
 from __future__ import annotations
@@ -37,10 +37,7 @@ def main() -> None:
     if arguments.table:
         write_into_page(NAME, table(read_results(NAME, arguments.out)))
         return
-    command = f"python -m campaigns.forgeries --seed {arguments.seed}"
-    command += f" --forgeries {arguments.forgeries}"
     result = {
-        "command": command,
         "version": __version__,
         "machine": machine(),
         "seed": arguments.seed,
@@ -50,8 +47,8 @@ def main() -> None:
     }
     if arguments.resume:
         earlier = read_results(NAME, arguments.out)
-        if earlier.get("command") != command or "tried" not in earlier:
-            parser.error(f"--resume: {arguments.out} has no results of `{command}`")
+        if earlier.get("seed") != arguments.seed or "tried" not in earlier:
+            parser.error(f"--resume: {arguments.out} has no results of seed {arguments.seed}")
         result |= {name: earlier[name] for name in ("tried", "kinds", "wrong")}
     numbers = range(result["tried"], arguments.forgeries)
     batches = [numbers[n : n + BATCH] for n in range(0, len(numbers), BATCH)]
@@ -63,7 +60,8 @@ def main() -> None:
                 result["kinds"][kind] = Counter(result["kinds"][kind]) + row
             new = [f"{n}: {one}" for n, one in zip(own, found, strict=True) if one.faults]
             result["wrong"] += new
-            result["tried"] = own.stop
+            command = f"--seed {arguments.seed} --forgeries {own.stop}"
+            result |= {"command": f"python -m campaigns.forgeries {command}", "tried": own.stop}
             print(f"{own.stop:,} of {arguments.forgeries:,}", *new, sep="\n    ", flush=True)
             write_json(arguments.out / f"{NAME}.json", result)
     print(table(read_results(NAME, arguments.out)))
