@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -162,14 +163,17 @@ def nest_command(
     console.print(
         f"linked pairs: {links_of_items(found)}", markup=False, highlight=False, soft_wrap=True
     )
+    solved = found
     if instance_out is not None:
         write_instance(types, container, instance_out)
         print_written(instance_out)
+        named, _ = read_instance(instance_out, rotations)  # a solution has its names of meshes
+        solved = replace(found, types=named)
     if out is not None:
         name = f"{instance}.json"  # of a built-in one that is not written
         if instance_out is not None or instance not in builtin_names():
             name = _instance_path(instance_out or Path(instance), out)
-        write_solution(found, out, name)
+        write_solution(solved, out, name)
         print_written(out)
     if packing is not None:
         found.write(packing)

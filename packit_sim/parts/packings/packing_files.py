@@ -147,14 +147,15 @@ def read_packing(file: Path | str) -> _Placed:
     file = Path(file)
     packing = _read(file)
     x, y, z = packing.box
+    load = cache(lambda mesh: ItemType.from_file(file_inside(file.parent, mesh)))
     meshes = list(dict.fromkeys(item.mesh for item in packing.items))
-    types = tuple(ItemType.from_file(file_inside(file.parent, mesh)) for mesh in meshes)
+    types = tuple(map(load, meshes))
     numbers = {mesh: n for n, mesh in enumerate(meshes)}
     placements = tuple(
         Placement.from_matrix(numbers[item.mesh], np.array(item.pose), item.box)
         for item in packing.items
     )
-    obstacles = tuple(_obstacle(file, each) for each in packing.obstacles)
+    obstacles = tuple(_in_place(load(each.mesh), each) for each in packing.obstacles)
     container = BoxContainer((x, y, math.inf if z is None else z), obstacles)
     containers = tuple(map(BoxContainer, packing.boxes))
     return types, container, placements, packing.clearance, containers
@@ -310,9 +311,8 @@ def _read(file: Path) -> _Packing:
     return packing
 
 
-def _obstacle(file: Path, obstacle: _Obstacle) -> ItemType:
+def _in_place(own: ItemType, obstacle: _Obstacle) -> ItemType:
     """Return an obstacle of a packing, in the container's coordinates."""
-    own = ItemType.from_file(file_inside(file.parent, obstacle.mesh))
     vertices = Placement.from_matrix(0, np.array(obstacle.pose)).apply(own.vertices)
     return ItemType(own.name, vertices, own.faces)
 
