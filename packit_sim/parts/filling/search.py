@@ -342,10 +342,10 @@ class PackingSearch:
         """
         if box not in self._known_bodies:
             task, margin = self._task, self._task.search_margin
-            own = *(each.item_type for each in task.obstacles), *box.container.walls(margin, task.gap)
+            walls = box.container.walls(margin, task.gap)
             self._known_bodies[box] = tuple(
                 replace(each, vertices=each.vertices - margin, known_volume=each.volume)
-                for each in own
+                for each in (*(one.item_type for one in task.obstacles), *walls)
             )
         return self._known_bodies[box]
 

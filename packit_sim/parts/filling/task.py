@@ -9,8 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
-import numpy as np
-
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.errors import ArgumentError
@@ -156,29 +154,6 @@ def check_margin(margin: float, boxes: Sequence[BoxType], unit: Unit) -> None:
             )
 
 
-def _check_forms(
-    settings: PackSettings, parts: Sequence[PreparedPart], boxes: Sequence[BoxType]
-) -> None:
-    """Raise ArgumentError if constraints are not possible with containers that are no boxes."""
-    has_loads = any(each.part.no_stack or each.part.max_load is not None for each in parts)
-    asked = {
-        "--removable": settings.removable,
-        "--stable": settings.stable is not None,
-        "--insertable": settings.insertable,
-        "no_stack and max_load": has_loads,
-    }
-    for box in boxes:
-        form = form_of(box.container)
-        if form == "box":
-            continue
-        for name in list(asked)[: 2 if form == "cylinder" else None]:
-            if asked[name]:
-                raise ArgumentError(
-                    f"{name} is not possible with {box.name!r}, a {form}: choose "
-                    + ("--insertable top, or a box" if form == "cylinder" else "a box")
-                )
-
-
 @dataclass(frozen=True, eq=False)
 class PackTask:
     """Parts to pack, and the boxes for them.
@@ -214,7 +189,6 @@ class PackTask:
 
     def __post_init__(self) -> None:
         check_objective(self.objective, self.boxes)
-        _check_forms(self.settings, self.parts, self.boxes)
         if self.objective == "value" and all(each.part.value is None for each in self.parts):
             raise ArgumentError("the objective value needs parts with a value, from a manifest")
         if self.fixed and (len(self.boxes) > 1 or self.boxes[0].count != 1):
@@ -224,10 +198,10 @@ class PackTask:
             name = f"fixed: part {each.part.name!r}"
             item = CheckedItem(name, each.item_type, Placement(0), container.longest)
             for fault in container.faults(item, slack=self.tolerance):
-                raise ArgumentError(
-                    f"{name} {fault}: choose a keep-out for what is not inside it"
-                )
+                raise ArgumentError(f"{name} {fault}: choose a keep-out for what is not inside it")
         check_margin(self.margin, self.boxes, self.unit)
+        for box in self.boxes:
+            self.constraints.check_container(box.container)
 
     @property
     def unit(self) -> Unit:
@@ -257,7 +231,7 @@ class PackTask:
             for box in self.boxes:
                 if asked and form_of(box.container) == "mesh":
                     raise ArgumentError(
-                        f"{name} are not possible with {box.name!r}, a mesh: its opening is unknown"
+                        f"{name} are not possible for {box.name!r}, a mesh: choose a box"
                     )
 
     @property

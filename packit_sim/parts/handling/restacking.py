@@ -38,7 +38,8 @@ def separated(packing: Packing) -> Packing:
     if not container.is_strip:
         raise ArgumentError("only a strip has space on top: choose filter_packing for a box")
     filtered = filter_packing(packing, Constraints(separable=True))
-    gap = packing.clearance and packing.clearance + checked_items.tolerance(container.longest, math.inf)
+    tolerance = checked_items.tolerance(container.longest, math.inf)
+    gap = packing.clearance and packing.clearance + tolerance
     boxes = [_bounds(packing.vertices(one)) for one in filtered.packing.placements]
     boxes += [_bounds(each.vertices) for each in container.obstacles]
     placements = list(packing.placements)

@@ -17,8 +17,8 @@ import trimesh
 from packit_sim.core.caches import bounded_cache
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.deviation import Surface
-from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings import checked_items
+from packit_sim.parts.packings.packing import Packing
 from packit_sim.placement import AxisNumber, cyclic, least_rise
 
 Direction = Literal["up", "+x", "-x", "+y", "-y", "down"]

@@ -234,9 +234,7 @@ def nest(
     return best
 
 
-def _suit_cells(
-    types: Sequence[ItemType], container: Container, settings: SearchSettings
-) -> bool:
+def _suit_cells(types: Sequence[ItemType], container: Container, settings: SearchSettings) -> bool:
     """Return whether there are too many types for fields, and all fit on a grid of cells."""
     if count_fields(types) <= settings.most_fields:
         return False

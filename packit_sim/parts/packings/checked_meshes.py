@@ -63,7 +63,8 @@ class CheckedMesh:
     @cached_property
     def full_surface(self) -> LooseMesh:
         """The mesh that is not drawn in, for collision tests."""
-        return LooseMesh((self.item_type.vertices - self._middle) * self._size, self.item_type.faces)
+        vertices = (self.item_type.vertices - self._middle) * self._size
+        return LooseMesh(vertices, self.item_type.faces)
 
     @cached_property
     def whole_surface(self) -> LooseMesh:

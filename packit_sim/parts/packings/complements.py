@@ -17,8 +17,11 @@ from packit_sim.geometry.arrays import Floats, Ints
 _THIN = 1e-7
 """Thickness of a body, relative to the longest side, below which it is rounding."""
 
-_SAME = 1e-6
-"""Relative rounding of volumes."""
+MOST_CUTS = 1000
+"""Most pieces that are looked at for cavities: a surface that crosses itself has no end of them."""
+
+CROSSES = "its surface crosses itself, or a wall inside faces outwards"
+"""What is wrong with a closed surface that is not that of a solid."""
 
 
 def complement(vertices: Floats, faces: Ints, margin: float) -> list[tuple[Floats, Ints]]:
@@ -56,9 +59,6 @@ def complement(vertices: Floats, faces: Ints, margin: float) -> list[tuple[Float
         raise ArgumentError(f"its surface is no solid ({inside.status().name})")
     box = manifold3d.Manifold.cube(((high - low) / longest).tolist())
     around = box - inside
-    volume = box.volume() - around.volume()
-    if not abs(volume - _volume(scaled, faces)) <= _SAME * box.volume():
-        raise ArgumentError("its surface crosses itself, or a wall inside faces outwards")
     if margin > 0:
         around += _thickened(manifold3d, scaled[faces], margin / longest) ^ box
     bodies = [body for body in _without_cavities(around) if _thickness(body) > _THIN]
@@ -67,11 +67,6 @@ def complement(vertices: Floats, faces: Ints, margin: float) -> list[tuple[Float
         (np.asarray(mesh.vert_properties)[:, :3] * longest + low, np.asarray(mesh.tri_verts, int))
         for mesh in meshes
     ]
-
-
-def _volume(vertices: Floats, faces: Ints) -> float:
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    return float(np.einsum("nd,nd->n", a, np.cross(b, c)).sum() / 6)
 
 
 def _thickened(manifold3d: Any, triangles: Floats, distance: float) -> Any:
@@ -88,14 +83,21 @@ def _thickened(manifold3d: Any, triangles: Floats, distance: float) -> Any:
 
 def _without_cavities(body: Any) -> list[Any]:
     """Cut a body until the surface of no piece has a part that faces inwards."""
-    parts = body.decompose()
-    cavities = [part for part in parts if part.volume() < 0]
-    if not cavities:
-        return list(parts)
-    low, high = np.array(cavities[0].bounding_box()).reshape(2, 3)
-    axis = int(np.argmax(high - low))
-    normal, middle = np.eye(3)[axis].tolist(), float((low + high)[axis] / 2)
-    return [one for half in body.split_by_plane(normal, middle) for one in _without_cavities(half)]
+    found, left = [], [body]
+    for _ in range(MOST_CUTS):
+        if not left:
+            return found
+        piece = left.pop()
+        parts = piece.decompose()
+        cavity = next((part for part in parts if part.volume() < 0), None)
+        if cavity is None:
+            found += parts
+            continue
+        low, high = np.array(cavity.bounding_box()).reshape(2, 3)
+        axis = int(np.argmax(high - low))
+        normal, middle = np.eye(3)[axis].tolist(), float((low + high)[axis] / 2)
+        left += piece.split_by_plane(normal, middle)
+    raise ArgumentError(CROSSES)
 
 
 def _thickness(body: Any) -> float:

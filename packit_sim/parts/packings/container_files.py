@@ -102,6 +102,7 @@ def recorded_container(
         if not np.abs(mesh.low).max() <= ROUNDING * found.longest:
             raise PackFormatError(f"field {field!r}: its bounding box does not begin at (0, 0, 0)")
     if not np.allclose(found.size, (x, y, z), rtol=0, atol=ROUNDING * found.longest):
-        stated, true = (" x ".join(f"{side:.6g}" for side in each) for each in ((x, y, z), found.size))
+        sizes = (x, y, z), found.size
+        stated, true = (" x ".join(f"{side:.6g}" for side in size) for size in sizes)
         raise PackFormatError(f"field {field!r} has a bounding box of {true}, not of {stated}")
     return found

@@ -227,9 +227,7 @@ class BoxContainer:
         return in_bounding_box(self.size, part, margin, factor)
 
 
-def in_bounding_box(
-    size: Sequence[float], part: Measured, margin: float, factor: float
-) -> bool:
+def in_bounding_box(size: Sequence[float], part: Measured, margin: float, factor: float) -> bool:
     """Return whether a part fits into a bounding box in one of its rotations."""
     inner = np.array(size) * (1 + ROUNDING) - 2 * margin
     return bool((part.sides * factor <= inner).all(axis=1).any())

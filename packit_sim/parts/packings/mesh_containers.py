@@ -14,9 +14,10 @@ from packit_sim.core.errors import ArgumentError, located
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.parts import part_numbers
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.checked_meshes import checked_mesh
-from packit_sim.parts.packings.complements import complement
+from packit_sim.parts.packings.complements import CROSSES, complement
 from packit_sim.parts.packings.containers import Measured, fixed_in_place, in_bounding_box
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.placements import Placement
@@ -73,9 +74,22 @@ class MeshContainer:
             why = why if wrong else "its triangles do not all face outwards"
             raise ArgumentError(f"container {mesh.name!r} is not closed: {why}")
         if surface.volume < 0:
-            object.__setattr__(self, "mesh", ItemType(mesh.name, mesh.vertices, mesh.faces[:, ::-1]))
+            turned = ItemType(mesh.name, mesh.vertices, mesh.faces[:, ::-1])
+            object.__setattr__(self, "mesh", turned)
         object.__setattr__(self, "volume", abs(float(surface.volume)))
+        self._check_solid()
         object.__setattr__(self, "obstacles", fixed_in_place(self.obstacles))
+
+    def _check_solid(self) -> None:
+        """Raise ArgumentError if parts of the surface overlap, by voxels, which fill cavities."""
+        mesh = self.mesh
+        scale = float(np.linalg.norm(mesh.extents)) ** 3
+        low, high = (bound * scale for bound in mesh.shape.volume_bounds)
+        numbers = part_numbers(mesh.faces, len(mesh.vertices))
+        a, b, c = (mesh.vertices - mesh.middle)[mesh.faces].transpose(1, 0, 2)
+        each = np.bincount(numbers, np.einsum("nd,nd->n", a, np.cross(b, c)) / 6)
+        if not low <= each[each > 0].sum() <= high:
+            raise ArgumentError(f"container {mesh.name!r}: {CROSSES}")
 
     @classmethod
     def from_file(cls, path: Path | str, name: str = "container") -> MeshContainer:
@@ -136,7 +150,8 @@ class MeshContainer:
         unit = drawn_in / CONTACT_TOLERANCE
         mesh = checked_mesh(item.item_type, item.scale, drawn_in)
         own_mesh = checked_mesh(self.mesh, 1.0, drawn_in)
-        own = CheckedItem(self.name, self.mesh, Placement(0, self.container_from_mesh), self.longest)
+        place = Placement(0, self.container_from_mesh)
+        own = CheckedItem(self.name, self.mesh, place, self.longest)
         turn, shift = item.seen_from(own, unit)
         if own_mesh.full_surface.crosses(mesh.surface, shift, turn):
             yield f"crosses {wall}"

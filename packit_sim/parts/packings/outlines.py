@@ -46,9 +46,7 @@ def outline(container: Container) -> Floats:
 def _of_cylinder(container: CylinderContainer) -> Floats:
     angles = np.linspace(0, 2 * np.pi, _RING + 1)
     x, y = (1 + np.array((np.cos(angles), np.sin(angles)))) * container.diameter / 2
-    low, high = (
-        np.column_stack((x, y, np.full(_RING + 1, z))) for z in (0.0, container.height)
-    )
+    low, high = (np.column_stack((x, y, np.full(_RING + 1, z))) for z in (0.0, container.height))
     rims = [np.stack((ring[:-1], ring[1:]), axis=1) for ring in (low, high)]
     upright = np.stack((low[: -1 : _RING // 4], high[: -1 : _RING // 4]), axis=1)
     return np.concatenate((*rims, upright))

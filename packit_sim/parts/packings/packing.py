@@ -16,7 +16,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.checked_items import CheckedItem
-from packit_sim.parts.packings.containers import BoxContainer, Container
+from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing_files import read_packing, write_packing
 from packit_sim.parts.packings.placements import Placement
@@ -176,8 +176,7 @@ class Packing:
             for own in [self.types[placement.type]]
         ]
         obstacles = [
-            CheckedItem(each.name, each, Placement(0), unit)
-            for each in container.obstacles
+            CheckedItem(each.name, each, Placement(0), unit) for each in container.obstacles
         ]
         return validity.problems(items, container, self.clearance, obstacles)
 

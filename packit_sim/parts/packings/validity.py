@@ -18,6 +18,7 @@ from packit_sim.parts.packings.containers import Container
 MAX_PROBLEMS = 1000
 """The check ends after so many problems: n items at one place have n² / 2."""
 
+
 def outside(item: CheckedItem, container: Container) -> Iterator[str]:
     """Yield a sentence for each wall that an item reaches beyond by more than its tolerance."""
     for fault in container.faults(item):

@@ -15,6 +15,7 @@ from packit_sim.parts.packings.bounds import COUNTS
 from packit_sim.parts.packings.containers import BoxContainer, Container
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.mesh_containers import MeshContainer
+from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.units import lengths, unit_of
 
 _CYLINDER = "cylinder"
@@ -25,6 +26,8 @@ _NAMED = re.compile(
 )
 
 _MESH = re.compile(r"(?:(?P<name>[^:=/\\]+):)?(?P<file>.+?)(?:=(?P<count>\d{1,30}))?")
+
+_FILE = re.compile(r"\.[A-Za-z]\w*$")
 
 FORMS = "300x200x150mm, A:30x20x15cm, cylinder:220x300mm or a mesh file"
 """Examples of boxes."""
@@ -119,7 +122,7 @@ class BoxType:
             If the text is not a box.
         """
         match = _NAMED.fullmatch(text.strip())
-        if match is None:
+        if match is None or _FILE.search(text):
             raise ArgumentError(f"box {shown(text)} is not possible: such as {FORMS}")
         own = int(match["count"]) if match["count"] else count
         if not match["round"]:
@@ -132,36 +135,39 @@ class BoxType:
             return cls.of(CylinderContainer(diameter, height, name=name), own)
 
 
-Boxes = str | BoxType | Container | Sequence[float] | Sequence[str | BoxType | Container]
-"""A box, its three sides, another container, or several of them."""
-
-
-@dataclass(frozen=True)
-class MeshFile:
-    """A container that is a mesh in a file, as its text says it.
+@dataclass(frozen=True, eq=False)
+class MeshBox:
+    """A container that is a mesh, before that is read and prepared (see `mesh_boxes`).
 
     Attributes
     ----------
-    file : Path
-        The file.
+    mesh : Path or Part
+        Its file, or the mesh itself.
     name : str
         The container's name.
     count : int, optional
-        How many there are, if the text says so.
+        How many there are, if that is said.
     """
 
-    file: Path
+    mesh: Path | Part
     name: str
     count: int | None = None
 
     @classmethod
-    def parse(cls, text: str) -> MeshFile | None:
+    def parse(cls, text: str) -> MeshBox | None:
         """Read "trunk.stl", "A:trunk.stl" or "A:trunk.stl=2"; return None for anything else."""
         match = _MESH.fullmatch(text.strip())
         if match is None or Path(match["file"]).suffix.lower() not in SUFFIXES:
             return None
         name = (match["name"] or Path(match["file"]).stem).strip()
         return cls(Path(match["file"]), name, int(match["count"]) if match["count"] else None)
+
+
+OneBox = str | BoxType | MeshBox | Container
+"""A box, or another container."""
+
+Boxes = OneBox | Sequence[float] | Sequence[OneBox]
+"""A box, its three sides, another container, or several of them."""
 
 
 def box_unit(boxes: Boxes) -> Unit | None:
@@ -199,7 +205,7 @@ def box_types(boxes: Boxes, unit: Unit, count: int | None) -> tuple[BoxType, ...
         If something is not a box; or if one names no unit, and the others name several.
     """
     named = {own: text for text in _texts(boxes) if (own := unit_of(text))}
-    if isinstance(boxes, (str, BoxType, Container)):
+    if isinstance(boxes, OneBox):
         boxes = [boxes]
     if not len(boxes):
         raise ArgumentError("there must be at least one box")
@@ -226,6 +232,6 @@ def box_types(boxes: Boxes, unit: Unit, count: int | None) -> tuple[BoxType, ...
 
 def _texts(boxes: Boxes) -> list[str]:
     """Return the boxes whose sides are given as text."""
-    several = [boxes] if isinstance(boxes, (str, BoxType, Container)) else boxes
+    several = [boxes] if isinstance(boxes, OneBox) else boxes
     texts = (each for each in several if isinstance(each, str))
-    return [each for each in texts if MeshFile.parse(each) is None]
+    return [each for each in texts if MeshBox.parse(each) is None]

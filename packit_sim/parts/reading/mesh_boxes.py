@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import trimesh
 
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.length_units import Unit
-from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.packings.rotation_sets import FIXED
-from packit_sim.parts.reading.boxes import Boxes, BoxType, MeshFile
+from packit_sim.parts.reading.boxes import Boxes, BoxType, MeshBox, OneBox
 from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart, prepare
 
 
-@dataclass(frozen=True, eq=False)
-class MeshBox:
-    """A container that is a mesh, before it is prepared."""
-
-    part: Part
-    name: str
-    count: int | None
-
-
 def with_meshes(
-    boxes: Boxes | Sequence[BoxType | MeshBox], unit: Unit, reading: ReadSettings, count: int | None
+    boxes: Boxes, unit: Unit, reading: ReadSettings, count: int | None
 ) -> tuple[Boxes, Mapping[str, PreparedPart]]:
-    """Read the meshes of boxes that are meshes.
+    """Read and prepare the meshes of boxes that are meshes.
 
     Parameters
     ----------
-    boxes : str, BoxType, container, or sequence of float, str, BoxType, container or MeshBox
+    boxes : str, BoxType, container, or sequence of float, str, BoxType or container
         The boxes.
     unit : str
         The unit of the result.
@@ -55,46 +47,42 @@ def with_meshes(
     ArgumentError
         If a mesh can't be read, or is not closed.
     """
-    is_one = isinstance(boxes, (str, BoxType, Container))
-    found: list[object] = []
+    found: list[Any] = []
     outlines: dict[str, PreparedPart] = {}
-    for each in [boxes] if is_one else boxes:
-        box = _mesh_box(each, unit, reading, count)
+    several: Any = [boxes] if isinstance(boxes, OneBox) else boxes
+    for each in several:
+        box = _mesh_box(each, unit, count)
         if box is None:
             found.append(each)
             continue
+        part = box.mesh if isinstance(box.mesh, Part) else _read(box.mesh, reading)
         try:
-            prepared = prepare(box.part, unit, 0.0)  # not simplified
+            prepared = prepare(part, unit, 0.0)  # not simplified
         except MeshError as error:
-            raise ArgumentError(f"container {box.part.name!r}: {error}") from None
+            raise ArgumentError(f"container {part.name!r}: {error}") from None
+        container = MeshContainer(prepared.item_type, name=box.name)
         outlines[box.name] = prepared
-        found.append(BoxType.of(MeshContainer(prepared.item_type, name=box.name), box.count))
-    return (found[0] if is_one else found), outlines  # type: ignore[return-value]
+        found.append(BoxType.of(container, box.count or count))
+    return found, outlines
 
 
-def _mesh_box(
-    box: object, unit: Unit, reading: ReadSettings, count: int | None
-) -> MeshBox | None:
+def _mesh_box(box: object, unit: Unit, count: int | None) -> MeshBox | None:
     """Return a box that is a mesh; None for another one."""
-    if isinstance(box, MeshBox):
-        return box
-    file = MeshFile.parse(box) if isinstance(box, str) else None
-    if file is not None:
-        return MeshBox(_read(file, reading), file.name, file.count or count)
-    own = box.count if isinstance(box, BoxType) else count
+    if isinstance(box, str):
+        return MeshBox.parse(box)
     container = box.form if isinstance(box, BoxType) else box
     if not isinstance(container, MeshContainer):
-        return None
+        return box if isinstance(box, MeshBox) else None
     mesh = trimesh.Trimesh(container.mesh.vertices, container.mesh.faces, process=False)
     part = Part(container.mesh.name, mesh, rotations=FIXED, unit=unit)
-    return MeshBox(part, container.name, own)
+    return MeshBox(part, container.name, box.count if isinstance(box, BoxType) else count)
 
 
-def _read(file: MeshFile, reading: ReadSettings) -> Part:
+def _read(file: Path, reading: ReadSettings) -> Part:
     """Read the one part of a file."""
-    if not file.file.exists():
-        raise ArgumentError(f"container {str(file.file)!r}: there is no such file")
-    found = find_parts([file.file], replace(reading, split=False, rotations=FIXED))
+    if not file.exists():
+        raise ArgumentError(f"container {str(file)!r}: there is no such file")
+    found = find_parts([file], replace(reading, split=False, rotations=FIXED))
     if found.unread:
-        raise ArgumentError(f"container {str(file.file)!r}: {found.unread[0].reason}")
+        raise ArgumentError(f"container {str(file)!r}: {found.unread[0].reason}")
     return found.parts[0]

@@ -17,10 +17,9 @@ from packit_sim.parts.packings.bounds import Extent
 from packit_sim.parts.packings.container_files import FormName, form_of
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.mesh_paths import file_inside
-from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.boxes import BoxType, MeshBox
 from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.reading.files import ReadSettings
-from packit_sim.parts.reading.mesh_boxes import MeshBox
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
 

@@ -24,10 +24,10 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.packings import rotation_sets
 from packit_sim.parts.packings.bounds import PoseRows
+from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.validity import pair_problems
 from packit_sim.parts.results.record import RECORD
 
@@ -165,9 +165,7 @@ def container_named(task: PackTask, name: str) -> Container:
     return task.container(next(box for box in task.boxes if box.name == name))
 
 
-def _placement(
-    task: PackTask, number: int, pose: Floats, container: Container
-) -> Placement | str:
+def _placement(task: PackTask, number: int, pose: Floats, container: Container) -> Placement | str:
     """Return the placement of a part at a pose in a box, or the rule that it breaks."""
     prepared, settings = task.parts[number], task.settings
     if fault := matrix_fault(pose):

@@ -198,7 +198,8 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     except PackItError as error:
         return [*found, f"what was asked for can't be checked: {error}"]
     placed, faults = placed_items(task, record.items, record.box_names)
-    found += [*_obstacles(record, task), *_outlines(record, task), *sentences(faults)[: validity.MAX_PROBLEMS]]
+    found += [*_obstacles(record, task), *_outlines(record, task)]
+    found += sentences(faults)[: validity.MAX_PROBLEMS]
     if found or not is_valid:
         return found
     packings = [
