@@ -1,8 +1,10 @@
 """Containers that are no boxes: cylinders and closed meshes. The judge here is numpy alone."""
 
+import importlib
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,8 @@ from packit_sim import (
 from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts import check, film, removable, summary, write_instructions
+from packit_sim.parts.nesting.rounds import Problems
+from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.packings.outlines import outline
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.placements import Placement
@@ -51,6 +55,9 @@ INNER_WALL: Block = ((50, 0, 30), (55, 100, 100))
 
 PILLAR: Block = ((20, 20, 20), (30, 30, 60))
 """Inside the case, with space on all sides: a separate part of its surface."""
+
+
+nest_module = importlib.import_module("packit_sim.parts.nesting.nest")
 
 
 @pytest.fixture(autouse=True)
@@ -85,7 +92,8 @@ def meshes() -> dict[str, trimesh.Trimesh]:
 
 
 def types(demand: int = 4) -> list[ItemType]:
-    return [of(mesh, name, demand=demand) for name, mesh in meshes().items()]
+    each = meshes().items()
+    return [of(mesh, name, demand=demand, rotations="fixed") for name, mesh in each]
 
 
 def placed(packing: Packing) -> list[tuple[Floats, Floats]]:
@@ -256,8 +264,26 @@ def test_obstacles_in_a_cylinder_stay_free() -> None:
     assert packing.problems() == [] and in_cylinder(packing, 140, 100)
 
 
+def test_obstacles_may_be_larger_than_items_on_a_grid_of_cells(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = []
+
+    def problems(*arguments: Any) -> Problems:
+        asked.append(arguments[5])
+        return Problems(*arguments)
+
+    monkeypatch.setattr(nest_module, "Problems", problems)
+    settings = replace(FEW, search=SearchSettings(most_fields=5))
+    container = CylinderContainer(140, 100, (of(block(((-9, 60, -9), (150, 80, 200)))),))
+    packing = nest(types(2), container, "knapsack", settings=settings)
+    assert asked == [True]
+    assert packing.problems() == [] and in_cylinder(packing, 140, 100)
+
+
 def parts(count: int = 4, **settings: Any) -> list[Part]:
-    return [Part(name, mesh, count=count, **settings) for name, mesh in meshes().items()]
+    each = meshes().items()
+    return [Part(name, mesh, count=count, rotations="fixed", **settings) for name, mesh in each]
 
 
 @pytest.mark.parametrize(("clearance", "wall"), [(1.0, 3.0), (3.0, 1.0)])

@@ -192,9 +192,11 @@ def nest(
     gap = clearance and clearance + checked_items.tolerance(max(units), math.inf)
     searched = tuple(map(in_search_frame, types))
     obstacles = (*containers[0].obstacles, *containers[0].walls(0.0, gap))
-    shares_fields = settings.iterations is None
+    # Obstacles are large, and most of their fields are never used: those are not worth the wait.
+    shares_fields = settings.iterations is None and not obstacles
     all_types = (*searched, *obstacles)
-    by_cells = objective != "bins" and _suit_cells(all_types, containers[0], settings.search)
+    is_large = count_fields(all_types) > settings.search.most_fields
+    by_cells = objective != "bins" and is_large and _suit_cells(searched, containers[0])
     has_fields = not by_cells or objective != "strip"
     problems = Problems(
         all_types, min(units), gap, shares_fields, settings.search, by_cells, has_fields
@@ -234,10 +236,8 @@ def nest(
     return best
 
 
-def _suit_cells(types: Sequence[ItemType], container: Container, settings: SearchSettings) -> bool:
-    """Return whether there are too many types for fields, and all fit on a grid of cells."""
-    if count_fields(types) <= settings.most_fields:
-        return False
+def _suit_cells(types: Sequence[ItemType], container: Container) -> bool:
+    """Return whether all items fit on a grid of cells."""
     most = ROOM * np.array(container.size)
     sides = ((np.ptp(t.vertices @ m.T, axis=0) for m in matrices(t.rotations)) for t in types)
     return all(any((side <= most).all() for side in each) for each in sides)
