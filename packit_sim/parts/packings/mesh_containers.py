@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -212,8 +213,10 @@ class MeshContainer:
         )
 
     def with_obstacles(self, obstacles: Sequence[ItemType]) -> MeshContainer:
-        """Return the same container with these obstacles."""
-        return replace(self, obstacles=tuple(obstacles))
+        """Return the same container, whose checks are not repeated, with these obstacles."""
+        new = copy(self)
+        object.__setattr__(new, "obstacles", fixed_in_place(obstacles))
+        return new
 
     def has_space(self, part: Measured, margin: float, factor: float = 1.0) -> bool:
         """Return whether a part fits into its bounding box in one of its rotations."""

@@ -20,6 +20,9 @@ _FLAT = np.radians(1)
 _CURVED = 0.2
 """Share of edges in curved surfaces from which sections of a mesh are drawn, too."""
 
+MAX_LINES = 4000
+"""Most lines of a mesh, the longest ones: scans have sharp edges everywhere."""
+
 _RING = 72
 """Lines of a circle."""
 
@@ -60,7 +63,9 @@ def _of_mesh(item_type: ItemType) -> Floats:
     if np.mean((angles > _FLAT) & (angles <= _SHARP)) > _CURVED:
         middle = item_type.extents / 2
         lines += [trimesh.intersections.mesh_plane(mesh, way, middle) for way in np.eye(3)]
-    return np.concatenate(lines)
+    found = np.concatenate(lines)
+    lengths = np.linalg.norm(found[:, 1] - found[:, 0], axis=1)
+    return found[np.argsort(-lengths, kind="stable")[:MAX_LINES]]
 
 
 def outline_body(container: Container) -> ItemType | None:

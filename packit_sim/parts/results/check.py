@@ -150,7 +150,7 @@ def _in_place(part: PreparedPart, unit: float, where: str) -> _Placed:
 def _wall(part: PreparedPart, unit: float) -> _Placed:
     """Return the mesh of a container, whose lowest corner is at (0, 0, 0)."""
     own = _in_place(part, unit, "the container")
-    own.shift(-own.low)
+    own.shift(-part.item_type.low)
     return own
 
 
