@@ -3,6 +3,7 @@
 import importlib
 import json
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -29,6 +30,7 @@ from packit_sim import (
     pack,
 )
 from packit_sim.core.errors import ArgumentError, PackFormatError
+from packit_sim.core.extras import MissingPackageError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts import check, film, removable, summary, write_instructions
 from packit_sim.parts.nesting.rounds import Problems
@@ -238,6 +240,13 @@ def test_a_mesh_that_is_no_solid_is_refused() -> None:
     assert MeshContainer(of(inside_out)).volume == pytest.approx(1000)
 
 
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "manifold3d", None)
+    container = MeshContainer(of(creation.icosphere(1, 50)))
+    with pytest.raises(MissingPackageError, match=r"pip install 'packit-sim\[containers\]'"):
+        container.walls()
+
+
 def test_walls_fill_the_bounding_box_around_a_mesh() -> None:
     container = MeshContainer(of(creation.icosphere(1, 50)))
     walls = container.walls()
@@ -410,6 +419,14 @@ def test_objectives_work_in_a_cylinder(objective: Any) -> None:
     packed = pack(parts(1), "cylinder:100x120mm", objective, settings=QUICK)
     assert packed.count == 3 and check(packed).problems == ()
     assert all(in_cylinder(packing, 100, 120) for packing in packed.packings)
+
+
+def test_as_many_meshes_as_are_needed_are_filled_and_verified(tmp_path: Path) -> None:
+    slab = Part("slab", creation.box((28, 28, 20)), count=3)
+    crate = MeshContainer(of(creation.box((30, 30, 30))), name="crate")
+    packed = pack([slab], crate, "boxes", out=tmp_path, settings=QUICK)
+    assert len(packed.packings) == 3
+    assert verify_record(tmp_path / "packing.json").is_valid
 
 
 def test_a_packing_in_a_container_is_written_and_read(tmp_path: Path) -> None:

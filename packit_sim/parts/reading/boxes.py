@@ -146,7 +146,7 @@ class MeshBox:
     name : str
         The container's name.
     count : int, optional
-        How many there are, if that is said.
+        How many there are: of a file, if its text says so; else None for as many as are needed.
     """
 
     mesh: Path | Part
@@ -156,6 +156,9 @@ class MeshBox:
     @classmethod
     def parse(cls, text: str) -> MeshBox | None:
         """Read "trunk.stl", "A:trunk.stl" or "A:trunk.stl=2"; return None for anything else."""
+        whole = Path(text)
+        if whole.suffix.lower() in SUFFIXES and whole.exists():  # also with a drive, or "="
+            return cls(whole, whole.stem)
         match = _MESH.fullmatch(text.strip())
         if match is None or Path(match["file"]).suffix.lower() not in SUFFIXES:
             return None

@@ -55,14 +55,16 @@ def with_meshes(
         if box is None:
             found.append(each)
             continue
-        part = box.mesh if isinstance(box.mesh, Part) else _read(box.mesh, reading)
+        part, own = box.mesh, box.count
+        if not isinstance(part, Part):
+            part, own = _read(part, reading), box.count or count
         try:
             prepared = prepare(part, unit, 0.0)  # not simplified
         except MeshError as error:
             raise ArgumentError(f"container {part.name!r}: {error}") from None
         container = MeshContainer(prepared.item_type, name=box.name)
         outlines[box.name] = prepared
-        found.append(BoxType.of(container, box.count or count))
+        found.append(BoxType.of(container, own))
     return found, outlines
 
 
