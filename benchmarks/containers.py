@@ -76,7 +76,7 @@ def _case() -> trimesh.Trimesh:
 def _trunk() -> trimesh.Trimesh:
     """0.9 x 1 x 0.45, with a slanted lid and an arch for a wheel at each side."""
     side = [(0, 0), (0.9, 0), (0.9, 0.3), (0.7, 0.45), (0, 0.45)]
-    shell = trimesh.convex.convex_hull([(x, y, z) for y in (0, 1) for x, z in side])
+    shell = trimesh.convex.convex_hull(np.array([(x, y, z) for y in (0, 1) for x, z in side]))
     turn = trimesh.transformations.rotation_matrix(math.pi / 2, (1, 0, 0))
     arch = creation.cylinder(0.18, 0.3, sections=48).apply_transform(turn)
     arches = [arch.copy().apply_translation((0.3, y, 0.06)) for y in (0, 1)]

@@ -99,7 +99,8 @@ def _thickened(manifold3d: Any, triangles: Floats, distance: float) -> Any:
 
 def _without_cavities(body: Any) -> list[Any]:
     """Cut a body until the surface of no piece has a part that faces inwards."""
-    found, left = [], [body]
+    found: list[Any] = []
+    left = [body]
     for _ in range(MOST_CUTS):
         if not left:
             return found

@@ -66,7 +66,7 @@ class Container(Protocol):
     def faults(
         self, item: CheckedItem, clearance: float = 0.0, slack: float | None = None
     ) -> Iterator[str]:
-        """Yield what is wrong with the place of an item, such as "reaches 2 beyond ...".
+        """Find what is wrong with the place of an item, such as "reaches 2 beyond ...".
 
         Parameters
         ----------
@@ -75,9 +75,9 @@ class Container(Protocol):
         slack : float, optional
             How much smaller it may be; by default the item's tolerance.
 
-        Yields
-        ------
-        str
+        Returns
+        -------
+        iterator of str
             A predicate for each wall, without the item's name.
         """
 
@@ -235,6 +235,11 @@ def in_bounding_box(size: Sequence[float], part: Measured, margin: float, factor
 
 def fixed_in_place(obstacles: Sequence[object]) -> tuple[ItemType, ...]:
     """Return obstacles as single items that do not turn.
+
+    Returns
+    -------
+    tuple of ItemType
+        The obstacles.
 
     Raises
     ------

@@ -158,7 +158,7 @@ class MeshContainer:
             yield f"crosses {wall}"
         elif not self._is_around(mesh.vertices @ turn.T + shift, mesh.sampled_faces, unit):
             yield f"lies, in part or whole, beyond {wall}"
-        elif mesh.holds(own_mesh, *own.seen_from(item, unit)):
+        elif self._has_part_in(item) and mesh.holds(own_mesh, *own.seen_from(item, unit)):
             yield f"is around a part of {wall}"
         elif clearance > 0:
             _, far = item.seen_from(own, drawn_in)
@@ -177,6 +177,19 @@ class MeshContainer:
             if np.mean(winds == 1) < 0.5:
                 return False
         return True
+
+    def _has_part_in(self, item: CheckedItem) -> bool:
+        """Return whether a connected part of the surface is in an item's bounding box."""
+        low, high = self._parts
+        return bool(((item.low <= low) & (high <= item.high)).all(axis=1).any())
+
+    @cached_property
+    def _parts(self) -> tuple[Floats, Floats]:
+        """The corners (p, 3) of the bounding boxes of the surface's connected parts."""
+        numbers = part_numbers(self.mesh.faces, len(self.mesh.vertices))
+        corners = (self.mesh.vertices - self.mesh.low)[self.mesh.faces]
+        own = [corners[numbers == n].reshape(-1, 3) for n in range(numbers.max() + 1)]
+        return np.array([c.min(axis=0) for c in own]), np.array([c.max(axis=0) for c in own])
 
     @cached_property
     def _triangles(self) -> Floats:

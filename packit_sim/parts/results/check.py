@@ -154,6 +154,21 @@ def _wall(part: PreparedPart, unit: float) -> _Placed:
     return own
 
 
+def _is_around_part_of(placed: _Placed, wall: _Placed) -> bool:
+    """Return whether a connected part of a wall that does not cross a part is inside it."""
+    faces = np.asarray(wall.original.mesh.faces, dtype=np.int64)
+    numbers = part_numbers(faces, len(wall.original.mesh.vertices))
+    for number in range(numbers.max() + 1):
+        corners = wall.vertices[faces[numbers == number]]
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        if (placed.low <= low).all() and (high <= placed.high).all():
+            triangles = np.asarray(placed.vertices)[np.asarray(placed.original.mesh.faces)]
+            points = corners[np.linspace(0, len(corners) - 1, SAMPLES).astype(int)].mean(axis=1)
+            if np.median(np.abs(winding_numbers(triangles, points))) > 0.5:
+                return True
+    return False
+
+
 def _has_manifold() -> bool:
     return importlib.util.find_spec("manifold3d") is not None
 
@@ -315,7 +330,7 @@ def _beyond(placed: _Placed, wall: _Placed, clearance: float, slack: float) -> I
         if np.median(np.abs(winding_numbers(triangles, motion.apply(samples)))) < 0.5:
             yield f"{placed.name} is not inside the container, in part or whole"
             return
-    if placed.original.is_solid and _is_inside(wall, placed):
+    if placed.original.is_solid and _is_around_part_of(placed, wall):
         yield f"{placed.name} is around a part of the container's wall"
     if clearance > 0:
         unit = placed.original.unit
