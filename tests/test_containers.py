@@ -33,11 +33,13 @@ from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts import check, film, removable, summary, write_instructions
+from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.nesting.rounds import Problems
 from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.packings.outlines import outline
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.results import exports
 from packit_sim.parts.results.verification import verify_record
 
@@ -493,6 +495,24 @@ def test_constraints_that_need_walls_are_refused(settings: Any, box: Any, messag
     box = MeshContainer(of(case(NOTCH))) if box == "mesh" else box
     with pytest.raises(ArgumentError, match=message):
         pack(parts(1), box, settings=PackSettings(workers=1, iterations=5, **settings))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "problem"),
+    [
+        ((0, 62, 0), (100, 150, 100), None),
+        ((90, 40, 10), (110, 80, 20), "crosses the container's wall"),
+        ((120, 80, 10), (150, 120, 60), "is not inside the container, in part or whole"),
+        ((15, 15, 15), (35, 35, 65), "is around a part of the container's wall"),
+    ],
+)
+def test_the_check_of_the_files_finds_the_same(low: Any, high: Any, problem: str | None) -> None:
+    container = MeshContainer(of(case(NOTCH, PILLAR)), name="case")
+    settings = PackSettings(unit="mm", reading=ReadSettings("mm"))
+    task = prepared_task([Part("part", block((low, high)))], container, "volume", settings)
+    packing = Packing(task.types, task.container(task.boxes[0]), (Placement(0),), 0.0, "knapsack")
+    found = check(PackedParts(task, (packing,))).problems
+    assert found == ((f"part (part 0 of box 1) {problem}",) if problem else ())
 
 
 def test_parts_come_straight_down_into_a_cylinder(tmp_path: Path) -> None:
