@@ -198,7 +198,9 @@ class PackTask:
             name = f"fixed: part {each.part.name!r}"
             item = CheckedItem(name, each.item_type, Placement(0), container.longest)
             for fault in container.faults(item, slack=self.tolerance):
-                raise ArgumentError(f"{name} {fault}: choose a keep-out for what is not inside it")
+                raise ArgumentError(
+                    f"{name} {fault}, in {self.unit}: choose a keep-out for what is not inside it"
+                )
         check_margin(self.margin, self.boxes, self.unit)
         for box in self.boxes:
             self.constraints.check_container(box.container)
