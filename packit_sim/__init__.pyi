@@ -39,7 +39,9 @@ from .parts.nesting.nest import NestSettings as NestSettings
 from .parts.nesting.nest import nest as nest
 from .parts.pack import pack as pack
 from .parts.packings.containers import BoxContainer as BoxContainer
+from .parts.packings.cylinders import CylinderContainer as CylinderContainer
 from .parts.packings.item_types import ItemType as ItemType
+from .parts.packings.mesh_containers import MeshContainer as MeshContainer
 from .parts.packings.packing import Packing as Packing
 from .parts.reading.boxes import BoxType as BoxType
 from .parts.reading.part import Part as Part

@@ -36,7 +36,7 @@ WRONG = [
     ("verify manifest.csv", "manifest.csv is not a dataset"),
     # pack and workbench
     ("pack", "Missing argument"),
-    ("pack good.off --out x", "Missing option '--box'"),
+    ("pack good.off --out x", "there is no box: choose --box 300x200x150mm, or --container"),
     ("pack good.off --box 9x9 --out x", "'9x9' is not 3 lengths"),
     ("pack good.off --box 9x9x9parsec --out x", "'parsec' is not known: choose from"),
     ("pack good.off --box 9x9x0 --out x", "9x9x0"),

@@ -19,6 +19,7 @@ from packit_sim.cli.console import (
     read_seconds,
 )
 from packit_sim.cli.output import RESUMABLE, print_written, stoppable
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import Unit
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import Goal, PackSettings
@@ -39,13 +40,19 @@ def pack_command(
             help="Mesh files, FILE=COUNT for several of one, folders, or manifests (.csv, .xlsx).",
         ),
     ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the packing.")],
     box: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             "--box", help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several."
         ),
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the packing.")],
+    ] = None,
+    container: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Another container: cylinder:220x300mm (diameter x height), or a closed mesh file."
+        ),
+    ] = None,
     objective: Annotated[
         Goal,
         typer.Option(help="Most volume, count or value; or all parts, lowest or in fewest boxes."),
@@ -149,9 +156,14 @@ def pack_command(
 
     Example: packit pack bracket.stl=4 lid.3mf --box 12x8x6in --unit in --clearance 0.04in -o packed
 
+    Example: packit pack parts/*.stl --container cylinder:220x300mm --out packed
+
     Example: packit pack parts.csv --objective boxes --box 300x200x150mm --time 60s -o packed
     """
-    length: Unit = box_unit(box) or unit
+    boxes_asked = [*(box or ()), *(container or ())]
+    if not boxes_asked:
+        raise ArgumentError("there is no box: choose --box 300x200x150mm, or --container")
+    length: Unit = box_unit(boxes_asked) or unit
     settings = PackSettings(
         clearance=lengths(clearance, 1, length)[0],
         wall_clearance=lengths(wall_clearance, 1, length)[0],
@@ -184,7 +196,7 @@ def pack_command(
         seconds = read_seconds(time)
         packed = pack(
             parts,
-            box,
+            boxes_asked,
             objective,
             seconds,
             seed,
