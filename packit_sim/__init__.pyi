@@ -14,6 +14,7 @@ from .game.datasets.packs import Pack as Pack
 from .game.datasets.packs import Task as Task
 from .game.envs.env import PackItEnv as PackItEnv
 from .game.envs.vector import PackItVectorEnv as PackItVectorEnv
+from .game.envs.vector import make_vec as make_vec
 from .game.episodes.agents import Agent as Agent
 from .game.episodes.episode import Episode as Episode
 from .game.episodes.episode import Stage as Stage
@@ -30,6 +31,7 @@ from .game.explorer.explorer import Explorer as Explorer
 from .game.generation.evolution import evolve as evolve
 from .game.generation.puzzles import cut_puzzle as cut_puzzle
 from .game.generation.sequences import SequenceSampler as SequenceSampler
+from .game.generation.task_sampler import TaskSampler as TaskSampler
 from .geometry.shapes import Item as Item
 from .geometry.shapes import Shape as Shape
 from .libraries.library import ShapeLibrary as ShapeLibrary

@@ -7,6 +7,7 @@ or the C-order index of a location. `action_mask` in the observation marks the v
 from __future__ import annotations
 
 import copy
+import inspect
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,12 +19,14 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from packit_sim.core.checks import check_keywords
 from packit_sim.core.counters import ComparisonCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.game.datasets.pack_files import STARTER_PACKS
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.envs.observations import OBSERVERS, Observation
+from packit_sim.game.envs.specs import WritableSpec
 from packit_sim.game.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
 from packit_sim.game.episodes.episode import Episode, EpisodeState, Stage, ordered, stages
 from packit_sim.game.episodes.policies import Policy
@@ -31,7 +34,7 @@ from packit_sim.game.episodes.policy_registry import load_policy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.rules import PACKIT, Rules
+from packit_sim.rules import PACKIT, RULES, Rules
 
 if TYPE_CHECKING:  # loaded when needed: playing alone needs none of them
     from packit_sim.scene import Look, Scene
@@ -53,6 +56,8 @@ class EnvState:
         The number of the task, or the task itself if it was made on the fly.
     random : dict
         The state of the environment's random generator.
+    episodes : int
+        The number of episodes that were started, with this one.
     terminated : bool
         Whether a step has returned that the episode is over.
     policies : tuple of str
@@ -63,27 +68,31 @@ class EnvState:
     task: int | Task
     episode: EpisodeState
     random: dict[str, Any]
+    episodes: int
     terminated: bool
     policies: tuple[str, ...]
 
 
-class PackItEnv(gym.Env[Observation, np.int64]):
+class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
     """Pack the shapes of a task into its box, one choice a step.
 
     Parameters
     ----------
     tasks : str, Path, sequence of Task, or callable
         The name or path of a dataset (see `dataset_file`); tasks; a function that makes one with a
-        random generator; or "fresh": made on the fly (see `TaskSampler`).
-    library : str, Path or ShapeLibrary, optional
-        Name, path or open library of the shapes. By default the one that a dataset records, or
-        "everyday" for fresh tasks.
+        random generator, and with the number of this environment's episode, from 0, if it has a
+        parameter `episode`; or "fresh": made on the fly (see `TaskSampler`).
+    library : str, Path, mapping or ShapeLibrary, optional
+        Name, path, record (see `ShapeLibrary.to_json`) or open library of the shapes. By default
+        the one that a dataset records, or "everyday" for fresh tasks.
     split : str, optional
         Split of the dataset, or of the library for fresh tasks.
-    order : str
-        "random" draws a task at each reset, "cycle" takes them in turn, independent of the seed.
-    rules : Rules
-        The rules to play by; by default those of the paper.
+    order : str, sequence of float, or callable
+        "random" draws a task at each reset, "cycle" takes them in turn, independent of the seed. A
+        weight for each task draws in proportion. A function, which is called like one that makes
+        tasks, returns the number of the next task: a curriculum.
+    rules : Rules or mapping
+        The rules to play by, or the same in JSON's types; by default those of the paper.
     shape : Policy or str, optional
         A policy for shapes or its name, if shapes are not the agent's choice: then they are not a
         step, and the action space has only the actions of the other sub-tasks.
@@ -115,14 +124,17 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     ------
     ArgumentError
         If a setting is out of range or the tasks do not go together.
+    TypeError
+        If there is no setting of such a name.
 
     Notes
     -----
     The reward is the placed volume over the volume of the task's items; with physics it is the
     change of the volume that is inside and stable, which may be negative, and "density" and
     "placed_volume" are about that volume. `info` has "task" (its number, -1 for one made on the
-    fly), "action_mask", "density" of the box, "placed_volume", "mesh_comparisons" that this
-    environment made since its last reset, and, when the episode is over, "end": why.
+    fly), "action_mask" (int8, as `action_space.sample` takes it), "density" of the box,
+    "placed_volume", "mesh_comparisons" that this environment made since its last reset, and "end":
+    why the episode is over, "" before that.
 
     Examples
     --------
@@ -145,11 +157,11 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     def __init__(
         self,
         tasks: str | Path | Sequence[Task] | TaskMaker = STARTER_PACKS,
-        library: str | Path | ShapeLibrary | None = None,
+        library: str | Path | Mapping[str, Any] | ShapeLibrary | None = None,
         *,
         split: str | None = None,
         order: Order = "random",
-        rules: Rules = PACKIT,
+        rules: Rules | Mapping[str, Any] = PACKIT,
         shape: Policy | str | None = None,
         rotation: Policy | str | None = None,
         location: Policy | str | None = None,
@@ -159,9 +171,10 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         look: Look | None = None,
         **changes: Any,
     ) -> None:
-        _one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
-        _one_of("order", order, ("random", "cycle"))
-        _one_of("observation", observation, tuple(OBSERVERS))
+        check_keywords("PackItEnv.__init__", changes, _SETTINGS)
+        one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
+        one_of("observation", observation, tuple(OBSERVERS))
+        rules = Rules.from_json(rules) if isinstance(rules, Mapping) else rules
         self.rules = rules.changed(**changes)
         self._source = TaskSource(tasks, library, split, order, self.rules.cells)
         self.cells = self.rules.cells or self._source.cells
@@ -189,6 +202,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         self.observation_space = self._observer.space
         self._episode: Episode | None = None
         self._number = GENERATED
+        self._episodes = 0
         self._terminated = False
         self._comparisons = ComparisonCounter()
         self._scene: Scene | None = None
@@ -243,8 +257,10 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         wanted = _wanted_task(options)
         named = None if wanted is None else self._named_task(wanted)
         super().reset(seed=seed)
-        task, self._number = named or self._source.draw(self._number, self.np_random)
+        task, number = named or self._source.draw(self._number, self._episodes, self.np_random)
         self._check(task)
+        self._number = number
+        self._episodes += 1
         self._episode = Episode(task, self.rules)
         self._terminated = False
         self._comparisons = ComparisonCounter()
@@ -304,7 +320,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         """Save the state of the environment, for `set_state`: cheap, exact, and picklable."""
         task = self._number if self._number != GENERATED else self.episode.task
         random = dict(self.np_random.bit_generator.state)
-        return EnvState(task, self.episode.state(), random, self._terminated, self._policies)
+        facts = self._episodes, self._terminated, self._policies
+        return EnvState(task, self.episode.state(), random, *facts)
 
     def set_state(self, state: EnvState) -> tuple[Observation, dict[str, Any]]:
         """Return to a state of an environment with the same settings.
@@ -341,7 +358,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             episode = Episode(task, self.rules)
         episode.restore(state.episode)
         self._episode, self._number = episode, number
-        self._terminated = state.terminated
+        self._episodes, self._terminated = state.episodes, state.terminated
         self.np_random.bit_generator.state = state.random
         with counted_by(self._comparisons):
             return self._observe()
@@ -402,15 +419,14 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         action_mask = self.action_masks()
         observation = self._observer.observe(episode, action_mask)
         density = episode.box.density
-        info: dict[str, Any] = {
+        info = {
             "task": self._number,
-            "action_mask": action_mask,
+            "action_mask": action_mask.astype(np.int8),
             "density": density,
             "placed_volume": density * episode.box.volume,
             "mesh_comparisons": self._comparisons.mesh_comparisons,
+            "end": str(episode.end or ""),
         }
-        if episode.end is not None:
-            info["end"] = str(episode.end)
         return observation, info
 
     def _named_task(self, wanted: Task | int) -> tuple[Task, int]:
@@ -437,6 +453,9 @@ class PackItEnv(gym.Env[Observation, np.int64]):
                 )
 
 
+_SETTINGS = (*[n for n in inspect.signature(PackItEnv).parameters if n != "changes"], *RULES)
+
+
 def _wanted_task(options: object) -> Any:
     """Return the option "task" of `reset`, None if it is not given."""
     if options is None:
@@ -458,7 +477,8 @@ def _description(policy: Policy | None) -> str:
     return kind.__qualname__ + (f" with the weights {weights}" if weights else "")
 
 
-def _one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:
+def one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:
+    """Raise ArgumentError if the value of a setting is not one of the valid ones."""
     if value not in valid:
         choices = ", ".join(map(repr, valid))
         raise ArgumentError(f"{setting} {value!r} is not known: choose from {choices}")
