@@ -26,6 +26,8 @@ from .game.evaluation.evaluation import play as play
 from .game.evaluation.results import Rollout as Rollout
 from .game.evaluation.results import read_results as read_results
 from .game.evaluation.results import write_results as write_results
+from .game.evaluation.training_runs import RunsScore as RunsScore
+from .game.evaluation.training_runs import score_runs as score_runs
 from .game.explorer.collection import PackCollection as PackCollection
 from .game.explorer.explorer import Explorer as Explorer
 from .game.generation.evolution import evolve as evolve

@@ -197,15 +197,9 @@ CHECKED = {
 """What must hold after the code of a page, with its names and its output."""
 
 
-QUICK = "README.md", "docs/guides/pack.md"
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=[] if page in QUICK else [pytest.mark.slow])
-        for page in pages_with("python")
-    ],
+    "page", [pytest.param(page, id=name(page)) for page in PAGES if any(blocks(page, "python"))]
 )
 def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch, capsys) -> None:
     """All blocks in turn, in one namespace and an empty folder."""

@@ -119,6 +119,10 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
         The rules that are played.
     cells : tuple of int
         Cells of the box along x, y and z.
+    plays : tuple of Stage
+        The sub-tasks in which the agent chooses.
+    observer : Observer
+        The object that observes episodes.
 
     Raises
     ------
@@ -187,19 +191,19 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
         }
         self._policies = tuple(map(_description, self._fixed.values()))
         sizes = (max_shapes, rotations.COUNT, math.prod(grid_nodes(self.cells)))
-        free = [stage for stage in Stage if not self._fixed[stage]]
-        if not free:
+        self.plays = tuple(stage for stage in Stage if not self._fixed[stage])
+        if not self.plays:
             raise ArgumentError("shape, rotation and location all have policies: no step is left")
         for task in self.tasks:
             self._check(task)
         in_turn = stages(self.rules)
-        last = max(in_turn.index(stage) for stage in free)
-        actions = max(sizes[stage] for stage in free)
-        self._observer = OBSERVERS[observation](
+        last = max(in_turn.index(stage) for stage in self.plays)
+        actions = max(sizes[stage] for stage in self.plays)
+        self.observer = OBSERVERS[observation](
             self.cells, max_shapes, actions, in_turn[1 : last + 1]
         )
         self.action_space = spaces.Discrete(actions)
-        self.observation_space = self._observer.space
+        self.observation_space = self.observer.space
         self._episode: Episode | None = None
         self._number = GENERATED
         self._episodes = 0
@@ -417,7 +421,7 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
         """Return the observation and `info` of the episode's state."""
         episode = self.episode
         action_mask = self.action_masks()
-        observation = self._observer.observe(episode, action_mask)
+        observation = self.observer.observe(episode, action_mask)
         density = episode.box.density
         info = {
             "task": self._number,
