@@ -12,6 +12,7 @@ from .game.datasets.pack_files import read_packs as read_packs
 from .game.datasets.pack_files import write_packs as write_packs
 from .game.datasets.packs import Pack as Pack
 from .game.datasets.packs import Task as Task
+from .game.envs.continuous import PackItContinuousEnv as PackItContinuousEnv
 from .game.envs.env import PackItEnv as PackItEnv
 from .game.envs.vector import PackItVectorEnv as PackItVectorEnv
 from .game.envs.vector import make_vec as make_vec

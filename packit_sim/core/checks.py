@@ -121,6 +121,13 @@ def check_settings(settings: Any, kind: str = "", **checks: Valid) -> None:
         check_range(f"{kind} {name} =" if kind else name, getattr(settings, name), valid)
 
 
+def one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:
+    """Raise ArgumentError if the value of a setting is not one of the valid ones."""
+    if value not in valid:
+        choices = ", ".join(map(repr, valid))
+        raise ArgumentError(f"{setting} {value!r} is not known: choose from {choices}")
+
+
 def check_keywords(call: str, given: Iterable[str], known: Iterable[str]) -> None:
     """Check keyword arguments that a function passes on.
 

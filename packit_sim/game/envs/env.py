@@ -6,7 +6,6 @@ or the C-order index of a location. `action_mask` in the observation marks the v
 
 from __future__ import annotations
 
-import copy
 import inspect
 import math
 from collections.abc import Mapping, Sequence
@@ -19,26 +18,27 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from packit_sim.core.checks import check_keywords
+from packit_sim.box import BaseBox
+from packit_sim.core.checks import check_keywords, one_of
 from packit_sim.core.counters import ComparisonCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.game.datasets.pack_files import STARTER_PACKS
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.envs.observations import OBSERVERS, Observation
+from packit_sim.game.envs.pictures import Pictured
 from packit_sim.game.envs.specs import WritableSpec
 from packit_sim.game.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
 from packit_sim.game.episodes.episode import Episode, EpisodeState, Stage, ordered, stages
 from packit_sim.game.episodes.policies import Policy
 from packit_sim.game.episodes.policy_registry import load_policy
 from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import grid_nodes
+from packit_sim.geometry.lattice import Triple, grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import PACKIT, RULES, Rules
 
 if TYPE_CHECKING:  # loaded when needed: playing alone needs none of them
-    from packit_sim.scene import Look, Scene
-    from packit_sim.web.viewer import Viewer
+    from packit_sim.scene import Look
 
 MAX_SHAPES = 50
 """Maximum number of shapes of a task by default: the paper's pool."""
@@ -73,7 +73,7 @@ class EnvState:
     policies: tuple[str, ...]
 
 
-class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
+class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
     """Pack the shapes of a task into its box, one choice a step.
 
     Parameters
@@ -155,7 +155,6 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
     (0.534, 'no room')
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # noqa: RUF012
     action_space: spaces.Discrete
 
     def __init__(
@@ -176,14 +175,12 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
         **changes: Any,
     ) -> None:
         check_keywords("PackItEnv.__init__", changes, _SETTINGS)
-        one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
+        Pictured.__init__(self, render_mode, look)
         one_of("observation", observation, tuple(OBSERVERS))
         rules = Rules.from_json(rules) if isinstance(rules, Mapping) else rules
         self.rules = rules.changed(**changes)
         self._source = TaskSource(tasks, library, split, order, self.rules.cells)
         self.cells = self.rules.cells or self._source.cells
-        self.render_mode = render_mode
-        self.look = look
         self._max_shapes = max_shapes
         self._fixed = {
             stage: load_policy(stage, policy) if isinstance(policy, str) else policy
@@ -209,8 +206,6 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
         self._episodes = 0
         self._terminated = False
         self._comparisons = ComparisonCounter()
-        self._scene: Scene | None = None
-        self._viewer: Viewer | None = None
 
     @property
     def tasks(self) -> tuple[Task, ...]:
@@ -228,6 +223,10 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
         if self._episode is None:
             raise StateError("there is no episode yet: call reset() first")
         return self._episode
+
+    @property
+    def _box(self) -> BaseBox[Any]:
+        return self.episode.box
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -258,7 +257,7 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
         With a fixed shape policy the episode may be over before the first choice: then no action is
         valid, and the first step returns that it is terminated.
         """
-        wanted = _wanted_task(options)
+        wanted = wanted_task(options)
         named = None if wanted is None else self._named_task(wanted)
         super().reset(seed=seed)
         task, number = named or self._source.draw(self._number, self._episodes, self.np_random)
@@ -367,46 +366,6 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
         with counted_by(self._comparisons):
             return self._observe()
 
-    def render(self) -> npt.NDArray[np.uint8] | None:
-        """Draw the box: uint8 (512, 512, 3) if the render mode is "rgb_array", else None."""
-        if self.render_mode != "rgb_array":
-            return None
-        box = self.episode.box
-        if self._scene is None:
-            from packit_sim.scene import Scene
-
-            self._scene = Scene(box)
-        self._scene.update(box)
-        return self._scene.snapshot(look=self.look).image
-
-    def close(self) -> None:
-        """Close the scene and the page, if there are any."""
-        if self._scene is not None:
-            self._scene.close()
-            self._scene = None
-        if self._viewer is not None:
-            self._viewer.close()
-            self._viewer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy gets: all but the scene and the page, which it opens for itself."""
-        return vars(self) | {"_scene": None, "_viewer": None}
-
-    def __copy__(self) -> PackItEnv:
-        """Copy it with its episode: two environments can't play one."""
-        return copy.deepcopy(self)
-
-    def _show(self) -> None:
-        """Bring the page up to date if the render mode is "human"."""
-        if self.render_mode != "human":
-            return
-        if self._viewer is None:
-            from packit_sim.web.viewer import Viewer
-
-            self._viewer = Viewer(self.episode.box)
-            _log.warning("the box is shown at %s", self._viewer.address)
-        self._viewer.update(self.episode.box)
-
     def _play_fixed(self) -> float:
         """Play the sub-tasks that have a policy, up to the next that has none."""
         reward = 0.0
@@ -445,22 +404,25 @@ class PackItEnv(WritableSpec, gym.Env[Observation, np.int64]):
             raise ArgumentError(
                 f"a task's box has {task.cells} cells, not {self.cells}: give `cells` to say which"
             )
-        if len(task.items) > self._max_shapes:
+        check_task(task, self.cells, self._max_shapes)
+
+
+def check_task(task: Task, cells: Triple, max_shapes: int) -> None:
+    """Raise ArgumentError if a task has too many items, or one that no box of the cells holds."""
+    if len(task.items) > max_shapes:
+        raise ArgumentError(f"a task has {len(task.items)} items: max_shapes is only {max_shapes}")
+    for item in task.items:
+        if max(item.cells) > max(cells):
             raise ArgumentError(
-                f"a task has {len(task.items)} items: max_shapes is only {self._max_shapes}"
+                f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
+                f"it fits into no box of {cells}"
             )
-        for item in task.items:
-            if max(item.cells) > max(self.cells):
-                raise ArgumentError(
-                    f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
-                    f"it fits into no box of {self.cells}"
-                )
 
 
 _SETTINGS = (*[n for n in inspect.signature(PackItEnv).parameters if n != "changes"], *RULES)
 
 
-def _wanted_task(options: object) -> Any:
+def wanted_task(options: object) -> Any:
     """Return the option "task" of `reset`, None if it is not given."""
     if options is None:
         return None
@@ -479,10 +441,3 @@ def _description(policy: Policy | None) -> str:
     kind = policy if hasattr(policy, "__qualname__") else type(policy)
     weights = getattr(policy, "weights_digest", None)
     return kind.__qualname__ + (f" with the weights {weights}" if weights else "")
-
-
-def one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:
-    """Raise ArgumentError if the value of a setting is not one of the valid ones."""
-    if value not in valid:
-        choices = ", ".join(map(repr, valid))
-        raise ArgumentError(f"{setting} {value!r} is not known: choose from {choices}")

@@ -9,9 +9,10 @@ from typing import Any, Literal, TypeAlias
 import gymnasium as gym
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 
+from packit_sim.core.checks import one_of
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.packs import Task
-from packit_sim.game.envs.env import PackItEnv, one_of
+from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.envs.specs import WritableSpec
 
 MemberSettings: TypeAlias = Sequence[Mapping[str, Any]]
