@@ -9,7 +9,9 @@ import pytest
 
 from packit_sim.core.errors import LibraryError
 from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.recording import record
 from packit_sim.game.envs.wrappers import features_only, flattened
+from packit_sim.game.episodes.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.rules import Rules
@@ -91,6 +93,38 @@ def test_minari_collects_infos_and_recreates_the_environment(tmp_path, monkeypat
     assert [(end[0], end[-1]) for end in ends] == [(b"", b"no room")] * 2
     again = dataset.recover_environment().unwrapped
     assert again.maker.library.ids == library.ids
+
+
+@pytest.mark.slow
+def test_d3rlpy_learns_from_a_recording(tmp_path) -> None:
+    """The shapes that the Heuristic chooses, by behaviour cloning for a few steps."""
+    pytest.importorskip("d3rlpy", reason="d3rlpy is not installed")
+    algos, constants, data, logging = (
+        importlib.import_module(f"d3rlpy.{name}")
+        for name in ("algos", "constants", "dataset", "logging")
+    )
+    env = flattened(gym.make("PackIt-v0", **SHAPES_ONLY))
+    recording = record(
+        env, tmp_path / "heuristic", Agent.from_name("largest-first/aligned/blbf"), episodes=2
+    )
+    episodes = list(recording.iterate_episodes())
+    columns = [
+        [episode.observations[:-1] for episode in episodes],
+        *([getattr(e, name) for e in episodes] for name in ("actions", "rewards", "terminations")),
+    ]
+    steps = [np.concatenate(column).astype(np.float32) for column in columns]
+    dataset = data.MDPDataset(
+        *steps, action_space=constants.ActionSpace.DISCRETE, action_size=int(env.action_space.n)
+    )
+    cloning = algos.DiscreteBCConfig(batch_size=8).create(device="cpu")
+    cloning.fit(
+        dataset,
+        n_steps=5,
+        n_steps_per_epoch=5,
+        show_progress=False,
+        logger_adapter=logging.NoopAdapterFactory(),
+    )
+    assert (cloning.predict(steps[0][:3]) < env.action_space.n).all()
 
 
 @pytest.mark.parametrize("name", ["library", "split", "folder"])
