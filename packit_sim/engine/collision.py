@@ -37,8 +37,10 @@ def collides(placed: ItemInBox, other: ItemInBox) -> bool:
 
     Parameters
     ----------
-    placed, other : ItemInBox
-        The items, each on the grid or off it.
+    placed : ItemInBox
+        An item on the grid or off it.
+    other : ItemInBox
+        Another one.
 
     Returns
     -------
@@ -61,8 +63,10 @@ def contains(placed: ItemInBox, other: ItemInBox) -> bool:
 
     Parameters
     ----------
-    placed, other : ItemInBox
-        The items, each on the grid or off it. The meshes don't cross.
+    placed : ItemInBox
+        An item on the grid or off it.
+    other : ItemInBox
+        Another one. The meshes don't cross.
 
     Returns
     -------

@@ -100,8 +100,10 @@ def conflicts(candidate: ItemInBox, other: ItemInBox) -> bool:
 
     Parameters
     ----------
-    candidate, other : ItemInBox
-        The items, each on the grid or off it.
+    candidate : ItemInBox
+        An item on the grid or off it.
+    other : ItemInBox
+        Another one.
 
     Returns
     -------

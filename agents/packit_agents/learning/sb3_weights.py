@@ -163,6 +163,11 @@ def read_policy(
 ) -> Sb3Network:
     """Rebuild a policy from a file's metadata and tensors.
 
+    Returns
+    -------
+    Sb3Network
+        The policy.
+
     Raises
     ------
     WeightsError

@@ -96,7 +96,7 @@ class ContinuousEpisode:
 
     @property
     def arrived(self) -> int:
-        """The number of items: all can be seen."""
+        """The number of items; all of them can be seen."""
         return len(self.waiting)
 
     @property
