@@ -665,6 +665,7 @@ def test_loggers_of_other_packages_get_what_tensorboard_gets(
     assert (step, last["validation/return"]) == (32, training.curve[-1].validation.mean)
     with pytest.raises(ArgumentError, match="there is no logger 'wandb': installed are noted"):
         Training(settings, tmp_path / "other", "cpu", loggers=["wandb"])
+    assert not (tmp_path / "other").exists()
 
 
 def test_a_checkpoint_that_does_not_fit_on_the_disk_is_an_error_of_the_system(

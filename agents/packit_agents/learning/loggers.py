@@ -19,6 +19,15 @@ by name, and `close()` is called at the end.
 """
 
 
+def require_loggers(names: Sequence[str]) -> None:
+    """Raise ArgumentError if a logger is not installed."""
+    installed = entry_points(group=LOGGERS).names
+    for name in names:
+        if name not in installed:
+            known = ", ".join(sorted(installed)) or "none"
+            raise ArgumentError(f"there is no logger {name!r}: installed are {known}")
+
+
 def open_loggers(names: Sequence[str], folder: Path, settings: Mapping[str, Any]) -> list[KVWriter]:
     """Open loggers by their names.
 
@@ -39,11 +48,8 @@ def open_loggers(names: Sequence[str], folder: Path, settings: Mapping[str, Any]
     ArgumentError
         If one is not installed, or is no `KVWriter`.
     """
+    require_loggers(names)
     installed = entry_points(group=LOGGERS)
-    for name in names:
-        if name not in installed.names:
-            known = ", ".join(sorted(installed.names)) or "none"
-            raise ArgumentError(f"there is no logger {name!r}: installed are {known}")
     opened = [installed[name].load()(folder, settings) for name in dict.fromkeys(names)]
     for name, logger in zip(dict.fromkeys(names), opened, strict=True):
         if not isinstance(logger, KVWriter):

@@ -32,7 +32,7 @@ from packit_agents.learning.checkpoints import (
 from packit_agents.learning.dagger_dataset import DaggerDataset
 from packit_agents.learning.imitation import LABEL, ImitationPPO, LabellingEnv
 from packit_agents.learning.learned_policies import FIELDS, SHAPE_FIELDS, log_probabilities
-from packit_agents.learning.loggers import open_loggers
+from packit_agents.learning.loggers import open_loggers, require_loggers
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.run_folder import RunFolder
@@ -120,6 +120,7 @@ class Training:
         address: str | None = None,
         loggers: Sequence[str] = (),
     ) -> None:
+        require_loggers(loggers)
         self.settings = settings
         self.folder = folder
         library = ShapeLibrary.open(settings.library)
