@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from packit_sim.cli import app, shape_commands, verify_command
+from packit_sim.cli import app, library_import, verify_command
 from packit_sim.core.silence import quiet_threads
 from tests.runs import results, run_packit
 
@@ -29,7 +29,7 @@ def test_no_control_characters_of_names_reach_the_terminal(tmp_path: Path) -> No
     ("module", "name", "command"),
     [
         (verify_command, "verify_dataset", ["verify", "starter"]),
-        (shape_commands, "import_library", ["shapes", "import", "MESHES", "--out", "OUT"]),
+        (library_import, "import_library", ["shapes", "import", "MESHES", "--out", "OUT"]),
     ],
 )
 def test_commands_end_on_ctrl_c_with_one_line(

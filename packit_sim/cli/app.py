@@ -23,7 +23,7 @@ from packit_sim.cli.help import document
 from packit_sim.cli.nest_command import nest_command
 from packit_sim.cli.output import stoppable
 from packit_sim.cli.pack_command import pack_command
-from packit_sim.cli.physics_commands import compact_command, score_command
+from packit_sim.cli.physics_commands import compact_command, prepare_command, score_command
 from packit_sim.cli.picture_commands import export_command, film_command, render_command
 from packit_sim.cli.report_commands import report_command
 from packit_sim.cli.reproduction_commands import reproduce_command
@@ -45,6 +45,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     BENCHMARK: (
         "shapes",
         "generate",
+        "prepare",
         "verify",
         "compact",
         "score",
@@ -105,6 +106,7 @@ for _function in (
     film_command,
     export_command,
     figures_command,
+    prepare_command,
     compact_command,
     score_command,
     doctor_command,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated
 
@@ -36,6 +37,7 @@ from packit_sim.game.episodes.agents import Agent
 from packit_sim.game.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
 from packit_sim.game.evaluation.judging import SCORES, is_judged, judge
 from packit_sim.game.evaluation.results import Rollout, read_results
+from packit_sim.game.evaluation.training_runs import score_runs
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.convex.settings import METHODS, DecompositionSettings, Method
@@ -166,8 +168,19 @@ def _usable_tasks(
 
 def compare_command(
     results: Annotated[
-        list[Path], typer.Argument(help="One or two results files of `packit evaluate`.")
+        list[Path],
+        typer.Argument(
+            help="One or two results files of `packit evaluate`; with --runs any number."
+        ),
     ],
+    runs: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATTERN",
+            help="Names of agents, with * for any text, that are training runs of one method; may "
+            "be repeated, once for each method.",
+        ),
+    ] = None,
     seconds: Annotated[
         float | None,
         typer.Option(
@@ -183,8 +196,19 @@ def compare_command(
     With one file, its agents are compared with each other. With two files, the agents of the first
     are compared with those of the second.
 
+    With --runs, methods are compared that were trained several times: means and interquartile
+    means, with intervals over runs and tasks, and differences to the first method. A method whose
+    name is in several files has a run in each.
+
     Example: packit compare mine.jsonl yours.jsonl
+
+    Example: packit compare results.jsonl --runs "learned@seed-*" --runs "largest-first/*"
     """
+    if runs:
+        if seconds is not None:
+            raise ArgumentError("--seconds has no effect with --runs: leave it out")
+        _compare_runs(results, runs)
+        return
     if len(results) > 2:
         raise ArgumentError(f"{len(results)} files can't be compared: give one or two")
     found = [read_results(file) for file in results]
@@ -205,6 +229,43 @@ def compare_command(
         raise ArgumentError(f"{' and '.join(map(str, results))}: {error}") from None
     show_agents(name for _, (name, _) in numbered)
     console.print(comparison_table(rows))
+
+
+def _compare_runs(files: Sequence[Path], patterns: Sequence[str]) -> None:
+    """Print the scores of methods, each with the runs whose agents match its pattern."""
+    played = []
+    for file in files:
+        rollouts = read_results(file)
+        check_shown(file, rollouts)
+        played += [(name, _of(rollouts, name)) for name in _agents(rollouts)]
+    methods = {
+        pattern: [rollouts for name, rollouts in played if fnmatchcase(name, pattern)]
+        for pattern in patterns
+    }
+    for pattern, found in methods.items():
+        if not found:
+            names = ", ".join(dict.fromkeys(name for name, _ in played))
+            raise ArgumentError(f"--runs {pattern!r} matches no agent: the results have {names}")
+    show_agents(methods)
+    table = _number_table(
+        "", "runs", "tasks", "mean", "middle half", "worst run", "best run", "difference"
+    )
+    for number, score in enumerate(score_runs(methods), start=1):
+        table.add_row(
+            str(number),
+            str(score.runs),
+            str(score.tasks),
+            interval(score.mean, ".3f", ".3f"),
+            interval(score.iqm, ".3f", ".3f"),
+            f"{score.worst:.3f}",
+            f"{score.best:.3f}",
+            interval(score.difference, "+.3f", "+.3f") if number > 1 else "",
+        )
+    table.caption = (
+        "returns on the tasks that all runs have played; middle half: the interquartile mean; "
+        "below each mean its 95% bootstrap interval over runs and tasks"
+    )
+    console.print(table)
 
 
 def evaluate_shown(

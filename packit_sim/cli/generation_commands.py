@@ -22,8 +22,10 @@ from packit_sim.cli.console import (
     console,
     progress_bars,
 )
+from packit_sim.cli.library_import import print_shells
 from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.cli.puzzle_generation import PIECES, check_options, write_puzzles
+from packit_sim.cli.split_generation import ORDER, library_with_splits
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.game.datasets.densification_settings import DensificationSettings
@@ -53,6 +55,13 @@ def generate_command(
     split: Annotated[
         Split | None,
         typer.Option(help="Split of the library; the dataset's file is named after it."),
+    ] = None,
+    splits: Annotated[
+        tuple[int, int, int] | None,
+        typer.Option(
+            metavar="TRAIN VALIDATION TEST",
+            help="Number of packs in each of three splits, instead of --packs and --split.",
+        ),
     ] = None,
     seed: SeedOption = 0,
     library: LibraryOption = "everyday",
@@ -161,12 +170,18 @@ def generate_command(
     that a dataset from a folder of your meshes has tasks with their shapes, but not with their
     real sizes or numbers. `packit pack` packs your parts at their sizes.
 
+    With --splits the dataset has three files, whose packs share no object. A folder of mesh files
+    is first imported into the folder `library` of the dataset: repaired, simplified, and divided so
+    that near-duplicates stay together. `packit shapes import` does the same with more options.
+
     Pack n has the seed SEED + n, so that each can be generated separately. The command can be
     stopped at any time: repeat it to resume. The packs are the same in the end.
 
     Example: packit generate --packs 100 --split train --workers 8 --out my-packs
 
     Example: packit generate --library my-meshes --packs 3 --generations 50 --out my-packs
+
+    Example: packit generate --library my-meshes --splits 70 15 15 --out my-dataset
 
     Example: packit generate --dense --packs 10 --split train --out hard-packs
 
@@ -185,7 +200,11 @@ def generate_command(
             raise ArgumentError(
                 f"{option} has no effect {'with' if dense else 'without'} --dense: leave it out"
             )
-    opened = _readable(ShapeLibrary.open(library))
+    counts = _counts(context, splits, split, packs)
+    if splits is None:
+        opened = _readable(ShapeLibrary.open(library))
+    else:
+        opened = library_with_splits(library, out, workers)
     settings: SearchSettings
     if dense:
         settings = DensificationSettings(
@@ -206,17 +225,34 @@ def generate_command(
             size_range=size_range,
             search=search,
         )
-    order = GenerationJob(
-        opened.split(split) if split else opened, packs, seed, split, history, settings
-    )
-    file = out / f"{split or WHOLE}.jsonl"
-    with (
-        stoppable(RESUMABLE),
-        Workers(workers, backend, address) as processes,
-        _shown(order, file, processes.count) as on_pack,
-    ):
-        generated = generate(order, file, processes, on_pack)
-    print_written(file, f": {len(generated)} packs")
+    with stoppable(RESUMABLE), Workers(workers, backend, address) as processes:
+        for part, count in counts.items():
+            shapes_of_it = opened.split(part) if part else opened
+            order = GenerationJob(shapes_of_it, count, seed, part, history, settings)
+            file = out / f"{part or WHOLE}.jsonl"
+            with _shown(order, file, processes.count) as on_pack:
+                generated = generate(order, file, processes, on_pack)
+            print_written(file, f": {len(generated)} packs")
+
+
+def _counts(
+    context: typer.Context,
+    splits: tuple[int, int, int] | None,
+    split: Split | None,
+    packs: int,
+) -> dict[Split | None, int]:
+    """Return the number of packs of each split, or of the only file."""
+    if splits is None:
+        return {split: packs}
+    for name in ("split", "packs"):
+        source = context.get_parameter_source(name)
+        if source is not None and source.name != "DEFAULT":
+            raise ArgumentError(f"--{name} has no effect with --splits: leave it out")
+    if min(splits) < 0 or not any(splits):
+        raise ArgumentError(
+            f"--splits {' '.join(map(str, splits))} is not possible: 0 or more packs, and not all 0"
+        )
+    return {name: count for name, count in zip(ORDER, splits, strict=True) if count}
 
 
 def _readable(library: ShapeLibrary) -> ShapeLibrary:
@@ -238,6 +274,7 @@ def _readable(library: ShapeLibrary) -> ShapeLibrary:
         console.print(f"skipped {why}", style="yellow", markup=False, soft_wrap=True)
     if skipped:
         console.print(f"{len(readable)} of {len(library)} shapes can be used")
+    print_shells(id for id in readable if readable[id].is_shell)
     return readable
 
 

@@ -22,29 +22,18 @@ from packit_sim.cli.console import (
     prepare_folder,
     progress_bars,
 )
-from packit_sim.cli.output import (
-    NOTHING_WRITTEN,
-    print_written,
-    simple_table,
-    stoppable,
-    write_json,
-)
-from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
-from packit_sim.core.files import claimed, lock_path
+from packit_sim.cli.library_import import import_shown
+from packit_sim.cli.output import print_written, simple_table
+from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.core.length_units import UNITS_CM, Unit
-from packit_sim.core.plain_text import listed
 from packit_sim.geometry.shapes import Axis
 from packit_sim.geometry.simplification import Simplification
-from packit_sim.libraries import stored
-from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
+from packit_sim.libraries.importer import ImportSettings
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.libraries.splits import SPLITS, Split
 from packit_sim.render.contact_sheets import contact_sheet
 from packit_sim.render.image_files import MAX_SIDE
-
-MAX_ROWS = 40
-"""Maximum rows of the table that an import prints; its report contains all."""
 
 app = typer.Typer(help="Describe shape libraries, and import meshes.", no_args_is_help=True)
 
@@ -98,7 +87,10 @@ def show(
     opened = ShapeLibrary.open(library)
     info, shape = opened.info(id), opened[id]
     table = Table(show_header=False, box=None)
-    for name, value in _facts(opened, info).items():
+    facts = _facts(opened, info)
+    if shape.is_shell:
+        facts["volume"] += ", of a shell: the surface is open, and encloses next to nothing"
+    for name, value in facts.items():
         table.add_row(f"[bold]{name}[/]", escape(value))
     table.add_row("[bold]extents[/]", " x ".join(f"{e:.3f}" for e in shape.extents))
     console.print(table)
@@ -268,62 +260,17 @@ def import_command(
         splits = None if everything else opened.source.splits
     except LibraryError:
         splits = None
-    ids = opened.ids if splits is None else sorted(set().union(*splits.values()))
-    missing = [
-        ImportOutcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
-        for id, problem in opened.missing.items()
-    ]
-
-    def write_report(outcomes: list[ImportOutcome]) -> None:
-        shapes = [asdict(outcome) for outcome in outcomes + missing]
-        write_json(report, {"source": source, "shapes": shapes})
-
-    with (
-        stoppable(NOTHING_WRITTEN),
-        claimed(lock_path(out), out),
-        progress_bars() as progress,
-    ):
-        stored.remove_unfinished(out)
-        if out.exists() and not overwrite:
-            raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
-        bar = progress.add_task("importing", total=len(ids), note="")
-
-        def advance(outcome: ImportOutcome) -> None:
-            progress.update(bar, advance=1, note=outcome.id)
-
-        outcomes = import_library(
-            [opened.source.candidate(id) for id in ids],
-            out,
-            name or out.name,
-            library_version,
-            settings,
-            splits,
-            advance,
-            write_report,
-        )
-    outcomes += missing
-    console.print(_report_table(outcomes))
-    kept = sum(outcome.problem is None for outcome in outcomes)
-    console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused")
-    if joined := [outcome.name for outcome in outcomes if outcome.parts > 1]:
-        console.print(
-            f"Files with several parts: {listed(joined)}. The parts of a file become one rigid "
-            "shape; to pack them separately, write each part to a separate file.",
-            style="yellow",
-            markup=False,
-            soft_wrap=True,
-        )
-    if shells := [outcome.name for outcome in outcomes if outcome.is_shell]:
-        console.print(
-            f"Open meshes: {listed(shells)}. Their volume is only that of a thin sheet, and other "
-            "items may be placed inside; if they are meant to be solid, close their surface.",
-            style="yellow",
-            markup=False,
-            soft_wrap=True,
-        )
-    if not kept:
-        raise PackItError(f"{source}: none of its meshes can be a shape: {out} is not written")
-    print_written(out, f": {ShapeLibrary.open(out)}")
+    import_shown(
+        opened,
+        out,
+        name or out.name,
+        library_version,
+        settings,
+        source=source,
+        report=report,
+        splits=splits,
+        overwrite=overwrite,
+    )
 
 
 def selection(
@@ -398,34 +345,6 @@ def _counts(library: ShapeLibrary, ids: Sequence[str], split_of: Mapping[str, st
             f"{statistics.median(info.volume for info in infos):.4f}",
         ]
     return cells
-
-
-def _report_table(outcomes: Sequence[ImportOutcome]) -> Table:
-    """Create a table of outcomes: refused meshes first, then those that were changed most."""
-    columns = ("mesh", "triangles", "error", "watertight", "outcome")
-    table = simple_table(*columns)
-    notable = [outcome for outcome in outcomes if outcome.problem is not None]
-    kept = [outcome for outcome in outcomes if outcome.problem is None]
-    notable += sorted(kept, key=lambda o: (o.parts == 1, not o.repairs))
-    for outcome in notable[:MAX_ROWS]:
-        info = outcome.info
-        if info is None:
-            table.add_row(escape(outcome.name), "", "", "", f"[red]{escape(outcome.problem or '')}")
-            continue
-        done = [] if outcome.id == outcome.name else [f"renamed {outcome.id}"]
-        done += [f"{outcome.parts} parts joined"] if outcome.parts > 1 else []
-        counts = asdict(outcome.repairs) if outcome.repairs else {}
-        done += [f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count]
-        table.add_row(
-            escape(outcome.name),
-            f"{outcome.triangles_read} to {info.triangles}",
-            f"{info.error_bound:.5f}",
-            _yes(info.watertight),
-            escape(", ".join(done) or "as it was"),
-        )
-    if len(notable) > MAX_ROWS:
-        table.caption = f"and {len(notable) - MAX_ROWS} more in the report"
-    return table
 
 
 def _yes(value: bool) -> str:

@@ -75,7 +75,7 @@ def convert(raw: Any, kind: type[T], error: type[PackItError], what: str = "it")
 
 
 def check_names(
-    values: Mapping[str, Any], kind: type, error: type[Exception], table: str = ""
+    values: Mapping[str, Any], kind: type, error: type[PackItError], table: str = ""
 ) -> None:
     """Check that the names of settings exist, also those of settings within settings.
 
@@ -85,14 +85,14 @@ def check_names(
         Settings by name.
     kind : type
         The dataclass of the settings.
-    error : type of Exception
+    error : type of PackItError
         The error to raise.
     table : str
         A prefix of the names in the message, such as "physics."; empty for the outermost.
 
     Raises
     ------
-    Exception
+    PackItError
         The given type, if there is no setting of such a name; the message lists the valid ones.
     """
     known = {
