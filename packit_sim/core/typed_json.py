@@ -51,13 +51,15 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
         JSON, a bool is not a number, and an integer has at most `MAX_DIGITS` digits. The message
         names the field, its value and the valid values.
     """
-    refuse_long_integers(data, error)
     try:
-        return msgspec.json.decode(data, type=kind)
-    except msgspec.ValidationError as problem:
-        raise error(_sentence(str(problem), _parsed(data), kind, what)) from None
-    except UnicodeDecodeError:
+        text = data.decode() if isinstance(data, bytes) else data
+    except UnicodeDecodeError:  # msgspec does not look at texts that the record does not have
         raise error("not JSON: it is not text in UTF-8") from None
+    refuse_long_integers(text, error)
+    try:
+        return msgspec.json.decode(text, type=kind)
+    except msgspec.ValidationError as problem:
+        raise error(_sentence(str(problem), _parsed(text), kind, what)) from None
     except (ValueError, RecursionError) as problem:
         raise error(f"not JSON: {problem}") from None
 
