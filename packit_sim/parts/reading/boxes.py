@@ -58,9 +58,9 @@ class BoxType:
     --------
     >>> from packit_sim import BoxType
     >>> BoxType((300, 200, 150), "A", count=2)
-    BoxType(size=(300.0, 200.0, 150.0), name='A', count=2)
+    BoxType(size=(300.0, 200.0, 150.0), name='A', count=2, form=None)
     >>> BoxType.parse("B:30x20x15cm=3", unit="mm")
-    BoxType(size=(300.0, 200.0, 150.0), name='B', count=3)
+    BoxType(size=(300.0, 200.0, 150.0), name='B', count=3, form=None)
     """
 
     size: tuple[float, float, float]
