@@ -33,7 +33,7 @@ from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.game.datasets.packs import Pack, Task
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.parts import check
-from packit_sim.parts.reading.sizes import fits
+from packit_sim.parts.packings.containers import ROUNDING
 
 LIBRARY = "everyday"
 
@@ -116,7 +116,7 @@ def selection(
 
 def _fits(item: Item, size: Any) -> bool:
     turned = np.array([item.turned(n).extents for n in range(24)])
-    return fits(turned, size.tolist(), 0.0)
+    return bool((turned <= size * (1 + ROUNDING)).all(axis=1).any())
 
 
 def parts_of(task: Task) -> list[Part]:

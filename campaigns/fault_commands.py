@@ -67,6 +67,9 @@ def prepare_inputs(workspace: Path) -> None:
     (workspace / "changed").mkdir()
     for n in range(2):
         creation.box((1, 1, 1.5 + n)).export(workspace / "changed" / f"box-{n}.stl")
+    items = [{"path": f"meshes/box-{n}.stl", "demand": 2} for n in range(2)]
+    instance = {"container": {"size-x": 4, "size-y": 4}, "item-types": items}
+    (workspace / "instance.json").write_text(json.dumps(instance))
     (workspace / "splits").mkdir()
     for split in ("train", "validation"):
         (workspace / "splits" / f"{split}.jsonl").write_text(few)
@@ -214,7 +217,7 @@ _PACK = (
 )
 
 _NEST = (
-    *("cut-cube-8", "--iterations", "1", "--workers", "1"),
+    *("instance.json", "--iterations", "1", "--workers", "1"),
     *("--instance-out", f"{OUT}/nested/instance.json", "--out", f"{OUT}/nested/solution.json"),
     *("--packing", f"{OUT}/nested/packing.json"),
 )

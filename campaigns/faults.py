@@ -1,6 +1,6 @@
 """Disturb commands wherever they write, and see whether anything is lost.
 
-    .venv/bin/python -m campaigns.faults               (about half an hour; some faults need root)
+    .venv/bin/python -m campaigns.faults               (some hours; some faults need root)
     .venv/bin/python -m campaigns.faults --commands evaluate --faults "kill -9"
     .venv/bin/python -m campaigns.faults --table
 

@@ -42,6 +42,7 @@ nitpick_ignore_regex = [
     (
         "py:.*",
         r"packit_sim\.(box\.BaseBox|core\.typed_json\.JsonRecord|engine\..*"
+        r"|game\.envs\.(pictures\.Pictured|specs\.WritableSpec)"
         r"|geometry\.(items\.ItemT|parts\.Parts|voxels\.Voxels)|libraries\.sources\.Source"
         r"|parts\.reading\.file_copies\.FileCopy)",
     ),

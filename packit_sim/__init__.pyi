@@ -12,8 +12,10 @@ from .game.datasets.pack_files import read_packs as read_packs
 from .game.datasets.pack_files import write_packs as write_packs
 from .game.datasets.packs import Pack as Pack
 from .game.datasets.packs import Task as Task
+from .game.envs.continuous import PackItContinuousEnv as PackItContinuousEnv
 from .game.envs.env import PackItEnv as PackItEnv
 from .game.envs.vector import PackItVectorEnv as PackItVectorEnv
+from .game.envs.vector import make_vec as make_vec
 from .game.episodes.agents import Agent as Agent
 from .game.episodes.episode import Episode as Episode
 from .game.episodes.episode import Stage as Stage
@@ -25,11 +27,14 @@ from .game.evaluation.evaluation import play as play
 from .game.evaluation.results import Rollout as Rollout
 from .game.evaluation.results import read_results as read_results
 from .game.evaluation.results import write_results as write_results
+from .game.evaluation.training_runs import RunsScore as RunsScore
+from .game.evaluation.training_runs import score_runs as score_runs
 from .game.explorer.collection import PackCollection as PackCollection
 from .game.explorer.explorer import Explorer as Explorer
 from .game.generation.evolution import evolve as evolve
 from .game.generation.puzzles import cut_puzzle as cut_puzzle
 from .game.generation.sequences import SequenceSampler as SequenceSampler
+from .game.generation.task_sampler import TaskSampler as TaskSampler
 from .geometry.shapes import Item as Item
 from .geometry.shapes import Shape as Shape
 from .libraries.library import ShapeLibrary as ShapeLibrary
@@ -39,7 +44,9 @@ from .parts.nesting.nest import NestSettings as NestSettings
 from .parts.nesting.nest import nest as nest
 from .parts.pack import pack as pack
 from .parts.packings.containers import BoxContainer as BoxContainer
+from .parts.packings.cylinders import CylinderContainer as CylinderContainer
 from .parts.packings.item_types import ItemType as ItemType
+from .parts.packings.mesh_containers import MeshContainer as MeshContainer
 from .parts.packings.packing import Packing as Packing
 from .parts.reading.boxes import BoxType as BoxType
 from .parts.reading.part import Part as Part

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
-from packit_sim.core.checks import as_integer
+from packit_sim.core.checks import as_integer, check_keywords
 from packit_sim.core.choices import RotationSet
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import Triple, box_cells
@@ -111,7 +111,8 @@ class Rules:
         Parameters
         ----------
         **changes : Any
-            Values by the name of a field; `physics=True` stands for the default settings.
+            Values by the name of a field; `physics` may also be a bool or a mapping, as in
+            `from_json`.
 
         Returns
         -------
@@ -125,8 +126,11 @@ class Rules:
         ArgumentError
             If a value is not possible, or both `kinematic` and `physics` are asked for.
         """
-        typed_json.check_names(changes, Rules, TypeError)
-        return replace(self, **_with_physics(changes))
+        check_keywords("Rules.changed", changes, RULES)
+        changes = _with_physics(changes)
+        if isinstance(physics := changes.get("physics"), Mapping):
+            changes["physics"] = Rules.from_json({"physics": physics}).physics
+        return replace(self, **changes)
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Rules:
@@ -192,6 +196,9 @@ class Rules:
 
         return SettlingBox(cells, self.physics)
 
+
+RULES = tuple(field.name for field in fields(Rules))
+"""The names of the fields of `Rules`."""
 
 PACKIT = Rules()
 """The rules of the paper."""

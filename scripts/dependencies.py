@@ -39,7 +39,7 @@ REASONS = {
     "lazy-loader": "imports public names when they are first used",
     "lib3mf": "reads 3MF files, by those who wrote the standard",
     "lxml": "reads XML: 3MF and COLLADA; external entities are refused",
-    "manifold3d": "volumes of intersections, an independent check: tests, `packit selftest`",
+    "manifold3d": "mesh containers; volumes of intersections, a check by other means",
     "matplotlib": "plots",
     "minari": "recorded demonstrations",
     "msgspec": "decodes JSON into typed records",

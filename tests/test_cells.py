@@ -15,9 +15,12 @@ from packit_sim.parts.nesting.build import build, count_fields
 from packit_sim.parts.nesting.cell_separation_kernels import CellState, put_on_grid
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.cells import Cells, Space, cells_of
+from packit_sim.parts.nesting.filling import loaded
 from packit_sim.parts.nesting.placement_kernels import SIDES, cover, inner_cubes, update_windows
 from packit_sim.parts.nesting.problem import Problem, boxes_of, state_of
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS
+from packit_sim.parts.nesting.settling_kernels import count_conflicts, lift
+from packit_sim.parts.nesting.tasks import Poses, SearchTask
 from packit_sim.parts.nesting.voxel_sets import placed_voxels, voxelized
 
 SIDE = 0.21
@@ -178,6 +181,27 @@ def test_shared_cells_are_counted() -> None:
                         (cut(one, low - p, high - p) & cut(other, low - q, high - q)).sum()
                     )
                 assert grid.shared[i, j] == grid.shared[j, i] == shared
+
+
+def test_items_are_lifted_until_they_are_apart_and_others_stay() -> None:
+    types = shapes(12)
+    problem = build(types, 6.0, 0.0, by_cells=True, has_fields=False)
+    count = len(types)
+    task = SearchTask(np.arange(count), np.ones(count), np.ones(count), ((6.0, 6.0, math.inf),))
+    boxes = boxes_of([task.size])
+    places = np.random.default_rng(3).uniform(0, (4.0, 4.0, 5.0), (count, 3))
+    state = loaded(problem, task, Poses(np.ones(count), np.zeros(count, int), places), boxes)
+    assert count_conflicts(problem, state) > 5
+    order = np.argsort(state.bounds[:, 2], kind="stable")
+    before = state.places.copy()
+    rng = np.array([1], np.uint64)
+    lift(problem, state, boxes, order, 0.01, 8, rng)
+    assert count_conflicts(problem, state) == 0
+    assert state.inside.all() and (state.bounds[:, 2] >= -0.01).all()
+    assert np.array_equal(state.places[order[0]], before[order[0]])
+    before = state.places.copy()
+    lift(problem, state, boxes, order, 0.01, 8, rng)
+    assert np.array_equal(state.places, before)
 
 
 @pytest.mark.parametrize("clearance", [0.0, 0.08])

@@ -14,11 +14,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from typer.main import get_command
 
 import packit_sim
+from packit_sim import Box
 from packit_sim.cli.app import app
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
@@ -185,6 +187,13 @@ def check_extensions(names: dict[str, Any], output: str) -> None:
     assert output.count("flattest-first/aligned/blbf, task ") == 3
     placed = names["env"].unwrapped.episode.box.placed
     assert placed and max(4 * each.location[2] + each.item.cells[2] for each in placed) <= 60
+    box = Box()
+    for each in names["supported"].unwrapped.episode.box.placed:
+        (x, y, z), (a, b, _) = each.start, each.item.cells
+        below = box.outer[x : x + a, y : y + b, z - 1] if z else np.ones((a, b))
+        assert below[each.item.outer[:, :, 0]].mean() >= 0.6
+        box.place(each.item, each.location)
+    assert len(box.placed) > 3 and 0 < names["total"] < 1
     assert list(names["library"]) == ["brick", "cube", "plank"]
 
 
@@ -198,15 +207,9 @@ CHECKED = {
 """What must hold after the code of a page, with its names and its output."""
 
 
-QUICK = "README.md", "docs/guides/pack.md"
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=[] if page in QUICK else [pytest.mark.slow])
-        for page in pages_with("python")
-    ],
+    "page", [pytest.param(page, id=name(page)) for page in PAGES if any(blocks(page, "python"))]
 )
 def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch, capsys) -> None:
     """All blocks in turn, in one namespace and an empty folder."""

@@ -258,7 +258,9 @@ def test_rules_are_one_value_that_keywords_change() -> None:
     assert PackItEnv(rules=env.rules, easy=False, **common).rules == replace(env.rules, easy=False)
     env.reset(seed=0)
     assert env.episode.rules is env.rules
-    with pytest.raises(TypeError, match="no setting 'eazy': choose from easy, kinematic, phys"):
+    with pytest.raises(
+        TypeError, match=r"got an unexpected keyword argument .eazy.: choose from tasks, lib"
+    ):
         PackItEnv(eazy=True)
 
 
@@ -449,8 +451,6 @@ def test_tasks_come_in_turn_at_random_or_from_a_function(tasks) -> None:
     assert generated.episode.task is first
     env.reset(options={"task": tasks[4]})
     assert env.episode.task is tasks[4]
-    with pytest.raises(ValueError, match="order 'sorted'"):
-        PackItEnv(tasks, order="sorted")
     with pytest.raises(ValueError, match="observation 'pixels' is not known: choose from 'feat"):
         PackItEnv(tasks, observation="pixels")
 
@@ -625,9 +625,9 @@ def test_an_action_that_is_not_an_integer_is_refused(tasks, action) -> None:
     assert env.get_state() == before
     for integer in (0, np.int64(0), np.uint8(0)):
         env.set_state(before)
-        assert env.step(integer)[4].get("end") is None
+        assert env.step(integer)[4]["end"] == ""
     env.set_state(before)
-    assert env.step(np.array(0))[4].get("end") is None
+    assert env.step(np.array(0))[4]["end"] == ""
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from campaigns.common import read_results, table_in_page
+from campaigns.forgeries import __main__ as command
 from campaigns.forgeries import trials
 from campaigns.forgeries.bodies import read_obj
 from campaigns.forgeries.cases import Case, cases
 from campaigns.forgeries.judge import Judge
-from campaigns.forgeries.table import NAME, table
+from campaigns.forgeries.table import NAME, counted, table
 from campaigns.forgeries.trials import KINDS, tried
 from packit_sim.core.check_reports import FileProblem, Report
 from packit_sim.parts.packings.placements import Placement
@@ -60,6 +61,20 @@ def test_the_judge_finds_what_is_wrong(what: str, right: list[Case]) -> None:
     WRONG[what](record)
     judge = Judge(right[0].folder, right[0].record)
     assert judge.verdict(json.dumps(record).encode()).state == "wrong"
+
+
+def test_the_judge_refuses_a_name_that_is_too_long(right: list[Case]) -> None:
+    record = json.loads(json.dumps(right[0].record))
+    record["request"]["parts"][0]["mesh"] = "a" * 5000 + ".obj"
+    judge = Judge(right[0].folder, right[0].record)
+    assert judge.verdict(json.dumps(record).encode()) == ("wrong", "no mesh")
+
+
+def test_the_judge_knows_records_of_earlier_versions(right: list[Case]) -> None:
+    record = json.loads(json.dumps(right[0].record))
+    del record["request"]["separable"]
+    judge = Judge(right[0].folder, right[0].record)
+    assert judge.verdict(json.dumps(record).encode()) == ("right", "")
 
 
 def test_the_judge_names_exports_that_are_missing(right: list[Case]) -> None:
@@ -156,6 +171,47 @@ def test_each_kind_of_forgery_is_judged_as_the_product_does(
     kind: str, right: list[Case], tmp_path: Path
 ) -> None:
     assert tried(kind, right, "7", tmp_path / "work").faults == ()
+
+
+def test_memory_changes_no_trial(right: list[Case], tmp_path: Path) -> None:
+    numbers = range(1, len(KINDS), 4)
+    alone = [tried(KINDS[n], right, f"3/{n}", tmp_path / "work") for n in numbers]
+    assert trials.trials(numbers, 3) == alone
+
+
+@pytest.mark.slow
+def test_an_interrupted_run_is_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["forgeries", "--forgeries", "4", "--jobs", "1", "--out", str(tmp_path)]
+    monkeypatch.setattr(command, "BATCH", 2)
+    monkeypatch.setattr("sys.argv", given)
+    command.main()
+    whole = read_results(NAME, tmp_path)
+    with monkeypatch.context() as stopped:
+        stopped.setattr(command, "counted", _stop_at_the_second())
+        with pytest.raises(KeyboardInterrupt):
+            command.main()
+    assert read_results(NAME, tmp_path)["tried"] == 2
+    monkeypatch.setattr("sys.argv", [*given, "--resume"])
+    command.main()
+    assert read_results(NAME, tmp_path) == whole
+    monkeypatch.setattr("sys.argv", [*given, "--seed", "1", "--resume"])
+    with pytest.raises(SystemExit):
+        command.main()
+    assert "has no results of seed 1" in capsys.readouterr().err
+
+
+def _stop_at_the_second() -> Callable[[Any], Any]:
+    done = []
+
+    def own(found: Any) -> Any:
+        done.append(found)
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        return counted(found)
+
+    return own
 
 
 def test_the_page_has_the_results() -> None:

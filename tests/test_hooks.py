@@ -82,6 +82,11 @@ def test_messages_of_msgspec_are_understood(text, sentence) -> None:
     assert str(error.value) == sentence
 
 
+def test_texts_that_no_field_reads_are_in_utf_8_too() -> None:
+    with pytest.raises(PackFormatError, match="not text in UTF-8"):
+        typed_json.format_of(b'{"format": "a", "note": "\xff"}', PackFormatError)
+
+
 def test_viser_serves_by_the_function_that_is_guarded() -> None:
     pytest.importorskip("viser")
     from websockets.asyncio import client, server

@@ -10,6 +10,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,10 +22,11 @@ from msgspec import structs
 from safetensors import safe_open
 from safetensors.torch import save
 from sb3_contrib.common.maskable.distributions import MaskableCategoricalDistribution
+from stable_baselines3.common.logger import KVWriter
 from trimesh import creation
 
 from campaigns import injector
-from packit_agents.learning import training
+from packit_agents.learning import loggers, training
 from packit_agents.learning.augmentation import AugmentedEnv, transformed
 from packit_agents.learning.heads import LocationHead, RotationHead
 from packit_agents.learning.imitation import IMPOSSIBLE, LABEL, SMALLER, ImitationPPO, LabellingEnv
@@ -625,6 +627,45 @@ def test_labelled_states_are_kept_until_a_checkpoint_needs_none(
     assert parts.curve == whole.curve and not (tmp_path / "parts" / "dagger_dataset").exists()
     ours, theirs = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     assert all(torch.equal(ours[key], theirs[key]) for key in ours)
+
+
+class Noted(KVWriter):
+    """A logger that notes what it gets."""
+
+    def __init__(self, folder: Path, settings: dict) -> None:
+        self.seen, self.closed, self.settings = [], False, settings
+        NOTED.append(self)
+
+    def write(self, key_values, key_excluded, step=0) -> None:
+        self.seen.append((step, dict(key_values)))
+
+    def close(self) -> None:
+        self.closed = True
+
+
+NOTED: list[Noted] = []
+
+
+@pytest.mark.slow
+def test_loggers_of_other_packages_get_what_tensorboard_gets(
+    short_packs, tmp_path, monkeypatch
+) -> None:
+    class Installed(dict):
+        names = ("noted",)
+
+    found = Installed(noted=SimpleNamespace(load=lambda: Noted))
+    monkeypatch.setattr(loggers, "entry_points", lambda group: found)
+    settings = replace(TINY, packs=str(short_packs), steps=32, validate_every=32)
+    training = Training(settings, tmp_path / "run", "cpu", loggers=["noted"])
+    training.run()
+    training.close()
+    (noted,) = NOTED
+    assert noted.closed and noted.settings["network"]["width"] == SMALL.width
+    step, last = noted.seen[-1]
+    assert (step, last["validation/return"]) == (32, training.curve[-1].validation.mean)
+    with pytest.raises(ArgumentError, match="there is no logger 'wandb': installed are noted"):
+        Training(settings, tmp_path / "other", "cpu", loggers=["wandb"])
+    assert not (tmp_path / "other").exists()
 
 
 def test_a_checkpoint_that_does_not_fit_on_the_disk_is_an_error_of_the_system(

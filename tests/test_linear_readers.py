@@ -4,6 +4,7 @@ Each is read in a child process with a limit of CPU time that only a defect can 
 """
 
 import io
+import json
 import os
 import re
 import resource
@@ -27,6 +28,9 @@ from packit_sim.libraries import mesh_3mf, mesh_files, step_files
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.model_3mf import Object3MF
 from packit_sim.libraries.slicer_settings import ObjectSettings
+from packit_sim.parts.packings import item_types
+from packit_sim.parts.packings.instances import read_instance
+from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.reading.files import find_parts, with_own_names
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.tables import read_table
@@ -202,6 +206,23 @@ def test_a_cell_far_away_is_seen_behind_any_attribute(tmp_path: Path, cell: byte
         archive.writestr("sheet1.xml", b'<row r="1">' + cell + b"</row>")
     with pytest.raises(PackItError, match="cells are too many"):
         read_table(file)
+
+
+def test_a_mesh_that_is_named_again_and_again_is_read_once(tmp_path: Path, monkeypatch) -> None:
+    creation.box((1, 2, 3)).export(tmp_path / "a.stl")
+    types = [{"path": "a.stl", "demand": n} for n in range(1, 101)]
+    instance = {"container": {"size-x": 9, "size-y": 9}, "item-types": types}
+    (tmp_path / "instance.json").write_text(json.dumps(instance))
+    posed = {"mesh": "a.stl", "pose": np.eye(4).tolist()}
+    packing = {"box": [9, 9, 9], "items": [posed], "obstacles": [posed] * 20}
+    (tmp_path / "packing.json").write_text(json.dumps(packing))
+    opened: list[Path] = []
+    read = mesh_files.read
+    monkeypatch.setattr(item_types, "read", lambda file: opened.append(file) or read(file))
+    found, _ = read_instance(tmp_path / "instance.json")
+    assert [each.demand for each in found] == list(range(1, 101)) and len(opened) == 1
+    assert len(Packing.read(tmp_path / "packing.json").container.obstacles) == 20
+    assert len(opened) == 2
 
 
 def test_rows_of_a_manifest_take_as_long_as_files(tmp_path: Path) -> None:

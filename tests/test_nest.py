@@ -40,9 +40,9 @@ from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.nesting.problem import Problem
 from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
+from packit_sim.parts.packings.checked_items import tolerance
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.rotation_sets import matrices
-from packit_sim.parts.packings.validity import tolerance
 
 OPEN = math.inf
 

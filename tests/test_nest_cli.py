@@ -87,6 +87,17 @@ def test_a_built_in_instance_is_known_by_its_name_and_written_for_others(tmp_pat
     packit("nest", file, "--iterations", 1, "--workers", 1)
 
 
+def test_a_solution_has_the_names_of_the_instance_that_is_written(instance) -> None:
+    creation.box((1, 1, 1)).export("meshes/a cube.stl")
+    items = [{"path": "meshes/a cube.stl", "demand": 2}]
+    Path(instance).write_text(json.dumps(INSTANCE | {"item-types": items}))
+    packit(
+        *("nest", instance, "--iterations", 1, "--workers", 1, "--instance-out", "new.json"),
+        *("--out", "solution.json"),
+    )
+    assert read_solution("solution.json").problems() == []
+
+
 def test_a_folder_lists_its_instances(instance, tmp_path) -> None:
     (tmp_path / "below").mkdir()
     (tmp_path / "below" / "more cubes.json").write_text(json.dumps(INSTANCE))

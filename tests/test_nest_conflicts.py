@@ -11,7 +11,7 @@ from trimesh.collision import CollisionManager
 from packit_sim.core.compilation import kernel
 from packit_sim.parts.nesting import overlap_kernels
 from packit_sim.parts.nesting.build import build
-from packit_sim.parts.packings import validity
+from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.item_types import ItemType
 
 BOWL = trimesh.boolean.difference(
@@ -75,7 +75,7 @@ def test_equal_items_are_in_conflict_until_they_are_beside_each_other(problem, k
 def test_distances_are_those_of_fcl_and_at_most_the_limit(problem, first, other) -> None:
     meshes = list(MESHES.values())
     one, two = meshes[first], meshes[other]
-    drawn_in = 2 * validity.tolerance(UNIT, max(one.extents.max(), two.extents.max()))
+    drawn_in = 2 * checked_items.tolerance(UNIT, max(one.extents.max(), two.extents.max()))
     rng = np.random.default_rng([first, other])
     crossing = 0
     for _ in range(TRIES):

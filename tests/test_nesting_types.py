@@ -132,15 +132,16 @@ def test_a_box_and_a_strip() -> None:
     assert (box.is_strip, box.base, box.volume, box.longest) == (False, 6, 24, 4)
     assert (strip.is_strip, strip.base, strip.volume, strip.longest) == (True, 6, math.inf, 3)
     points = np.array(((-1.0, 1, 9), (2, 5, 1)))
-    assert list(box.beyond(points)) == [
-        ("the box's left wall", 1),
-        ("the box's front wall", 2),
-        ("the box's top wall", 5),
-    ]
-    assert [wall for wall, _ in strip.beyond(points)] == [
-        "the box's left wall",
-        "the box's front wall",
-    ]
+    depths = dict(box.beyond(points))
+    assert depths == {
+        "the box's left wall": 1,
+        "the box's right wall": 0,
+        "the box's back wall": -1,
+        "the box's front wall": 2,
+        "the box's bottom wall": -1,
+        "the box's top wall": 5,
+    }
+    assert dict(strip.beyond(points)) == depths | {"the box's top wall": -math.inf}
 
 
 @pytest.mark.parametrize(

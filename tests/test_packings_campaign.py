@@ -287,6 +287,7 @@ def test_a_seed_has_one_case(tmp_path: Path) -> None:
         one, other = (cases.make(seed, tmp_path / name) for name in "ab")
         assert one.boxes == other.boxes and one.settings == other.settings
         assert len(one.truth.parts) == len(other.truth.parts) > 0
+        assert one.by_cells == other.by_cells
         for file in (tmp_path / "a" / "inputs").rglob("*.stl"):
             assert (
                 file.read_bytes()
@@ -298,7 +299,8 @@ def test_counts_are_those_of_the_trials() -> None:
     def trial(kind: str, *problems: tuple[tuple[str, ...], bool]) -> dict[str, Any]:
         told = [{"text": "", "kinds": list(k), "is_unread": unread} for k, unread in problems]
         parts = {kind: 2, "OFF": 1}
-        return {"seconds": 1.0, "list": "", "parts": parts, "packed": 3, "problems": told}
+        own = {"seconds": 1.0, "list": "", "parts": parts, "packed": 3, "problems": told}
+        return own | {"by cells": kind == "STEP", "separable": False}
 
     found = totals(
         {
@@ -313,6 +315,8 @@ def test_counts_are_those_of_the_trials() -> None:
     assert rows["OFF"] == {"packings": 4, "wrong": 2, "unread": 0, "parts": 4}
     assert rows["STEP"] == {"packings": 2, "wrong": 1, "unread": 1, "parts": 4}
     assert rows["all"] == {"packings": 4, "wrong": 2, "unread": 1, "parts": 12}
+    assert rows["search: by cells"] == {"packings": 2, "wrong": 1, "unread": 1, "parts": 6}
+    assert rows["search: separable"]["packings"] == 0
     assert found["items"] == 12 and list(found["problems"]) == ["1", "2", "3"]
 
 

@@ -18,6 +18,7 @@ from msgspec import structs
 from trimesh import creation, transformations
 
 from packit_sim import Agent
+from packit_sim.core import caches
 from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
 from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.pack_checks import verify
@@ -33,7 +34,8 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.physics.convex import disk_cache
+from packit_sim.physics.convex import decomposition, disk_cache
+from packit_sim.physics.convex.decomposition import decompose
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import SettledItem
@@ -424,3 +426,27 @@ def test_rewards_add_up_to_what_counts() -> None:
         totals.append(env.episode.total)
     assert all(b >= a for a, b in pairwise(totals))
     assert totals[-1] * env.episode.task.volume == pytest.approx(env.episode.box.counted)
+
+
+def test_prepare_decomposes_the_shapes_of_a_dataset_once(tmp_path, monkeypatch, caplog) -> None:
+    monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path / "cache"))
+    stored.write(tmp_path / "zoo", "zoo", "1", [stored.entry(shape) for shape in (CUBE, PLATE)])
+    library = ShapeLibrary.open(tmp_path / "zoo")
+    packs = [Task.of([Item(library[id], 0.01)], library=library).pack for id in library.ids]
+    write_packs(tmp_path / "tasks.jsonl", packs)
+    caches.clear()
+    command = ("prepare", tmp_path / "tasks.jsonl", "--decomposition", "bisection")
+    assert "2 shapes are prepared, 2 of them now" in packit(*command, "--physics")
+    assert "2 shapes are prepared, 0 of them now" in packit(*command, "--physics")
+    assert "are decomposed into convex pieces" not in caplog.text
+    with pytest.raises(ArgumentError, match="nothing to prepare: give --physics"):
+        packit(*command)
+
+
+def test_a_simulation_says_once_why_it_takes_long(tmp_path, monkeypatch, caplog) -> None:
+    monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path))
+    decomposition._announce.cache_clear()
+    for shape in (CUBE, CUBE, PLATE):
+        caches.clear()
+        decompose(shape, SETTINGS.decomposition)
+    assert caplog.text.count("`packit prepare DATASET --physics` does it beforehand") == 1

@@ -179,7 +179,7 @@ def test_a_return_is_shown_as_whole_only_where_it_is(total, shown) -> None:
 def test_an_agent_that_placed_nothing_has_an_empty_box(tmp_path) -> None:
     file = results(tmp_path / "none.jsonl", {"a/b/c": [0]})
     found = gallery(Runs.read([file]), everyday(), 1)
-    assert found.models.to_json()["boxes"] == [{"size": [1, 1, 1], "items": []}]
+    assert found.models.to_json()["boxes"] == [{"size": [1, 1, 1], "outline": [], "items": []}]
     assert found.tasks[0].examples[0].total == 0
 
 
@@ -332,7 +332,8 @@ def test_a_folder_that_is_read_only_is_named_and_what_is_there_stays(tmp_path) -
     run = training(tmp_path / "run", [0.5])
     out = tmp_path / "out"
     out.mkdir()
-    (out / "r.html").write_text("before")
+    packit("report", run, "-o", out / "r.html")
+    before = (out / "r.html").read_bytes()
     out.chmod(0o555)
     as_any_user = ("setpriv", "--bounding-set", "-dac_override") if os.geteuid() == 0 else ()
     done = subprocess.run(
@@ -346,7 +347,7 @@ def test_a_folder_that_is_read_only_is_named_and_what_is_there_stays(tmp_path) -
     assert f"{out / 'r.html'} can't be written: no permission for {out}" in done.stderr
     assert done.stderr.count("\n") == 1
     assert [p.name for p in out.iterdir()] == ["r.html"]
-    assert (out / "r.html").read_text() == "before"
+    assert (out / "r.html").read_bytes() == before
 
 
 def test_a_missing_package_is_reported_before_any_work(tmp_path, monkeypatch) -> None:

@@ -97,9 +97,9 @@ RULES: dict[str, tuple[Callable[[Record], object], int, str]] = {
     "in the clearance of a wall": (
         posed(0, (21.9, 17, 12)),
         2,
-        "the distance of 2 to the walls",
+        "it is 1.9 from the box's left wall: less than the clearance of 2",
     ),
-    "in a wall": (posed(0, (0, 17, 12)), 2, "it reaches 22 beyond"),
+    "in a wall": (posed(0, (0, 17, 12)), 2, "it reaches 20 beyond the box's left wall"),
     "far away": (posed(0, (1e29, 17, 12)), 2, "it reaches 1e+29 beyond"),
     "too close": (posed(1, (62.99, 17, 12)), 2, "it is 0.99 from another a: less than the clear"),
     "too close by less than the tolerance": (posed(1, (62.998, 17, 12)), 2, "it is 0.998 from"),

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from packit_sim.cli import app
+from packit_sim.cli import app, library_import
 from packit_sim.core.silence import quiet_threads
 from packit_sim.game.datasets import dataset_checks
-from packit_sim.libraries import importer
 from tests.runs import results, run_packit
 
 EVIL = "random\x1b]0;owned\x07/\x1b[31maligned\x9b2J/blbf\u202e"
@@ -31,7 +30,7 @@ def test_no_control_characters_of_names_reach_the_terminal(tmp_path: Path) -> No
     ("module", "name", "command"),
     [
         (dataset_checks, "verify_dataset", ["verify", "starter"]),
-        (importer, "import_library", ["shapes", "import", "MESHES", "--out", "OUT"]),
+        (library_import, "import_library", ["shapes", "import", "MESHES", "--out", "OUT"]),
     ],
 )
 def test_commands_end_on_ctrl_c_with_one_line(

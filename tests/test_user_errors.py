@@ -36,7 +36,7 @@ WRONG = [
     ("verify manifest.csv", "manifest.csv is not a dataset"),
     # pack and workbench
     ("pack", "Missing argument"),
-    ("pack good.off --out x", "Missing option '--box'"),
+    ("pack good.off --out x", "there is no box: choose --box 300x200x150mm, or --container"),
     ("pack good.off --box 9x9 --out x", "'9x9' is not 3 lengths"),
     ("pack good.off --box 9x9x9parsec --out x", "'parsec' is not known: choose from"),
     ("pack good.off --box 9x9x0 --out x", "9x9x0"),
@@ -97,6 +97,8 @@ WRONG = [
     ("generate --out x --size-range nan 1", "size_range"),
     ("generate --out x --search best", "--search"),
     ("generate --out x --split dev", "--split"),
+    ("generate --out x --splits 0 0 0", "--splits 0 0 0 is not possible"),
+    ("generate --out x --splits 1 1 1 --packs 3", "--packs has no effect with --splits"),
     ("generate --out x --library nowhere", "'nowhere'"),
     ("generate --out x --library meshes", "bad.stl"),
     ("generate --out x --library folder:absent", "absent"),
@@ -140,6 +142,8 @@ WRONG = [
     ("compare broken.jsonl", "broken.jsonl"),
     ("compare folder", "folder"),
     ("compare a b c", "one or two"),
+    ("compare absent.jsonl --runs x", "absent.jsonl"),
+    ("compare a --runs x --seconds 1", "--seconds has no effect with --runs"),
     # reproduce, report, figures
     ("reproduce table9", "'table9'"),
     ("reproduce table1 --dataset nowhere", "nowhere"),
@@ -193,6 +197,9 @@ WRONG = [
     ("export starter --out x.stl --pack 99", "choose 0 to"),
     ("export starter --out file/x.stl", "file"),
     # compact, score
+    ("prepare starter", "nothing to prepare: give --physics"),
+    ("prepare nowhere --physics --decomposition bisection", "nowhere"),
+    ("prepare starter --physics --decomposition voxels", "voxels"),
     ("compact nowhere", "nowhere"),
     ("compact starter --limit 0", "--limit"),
     ("compact starter --limit 1 --out file/x.json", "file"),
@@ -257,6 +264,7 @@ WRONG = [
     ("train --out x --set packs=nowhere", "nowhere"),
     ("train --out x --device abacus", "abacus"),
     ("train --out x --ray-workers -1", "--ray-workers"),
+    ("train --out x --logger nobody", "there is no logger 'nobody'"),
     ("train --out file", "file is a file, not a folder"),
     # train-champion
     ("train-champion", "Missing option '--out'"),

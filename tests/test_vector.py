@@ -6,8 +6,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from packit_sim.core.errors import ArgumentError
+from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.envs.env import PackItEnv
-from packit_sim.game.envs.vector import PackItVectorEnv
+from packit_sim.game.envs.vector import PackItVectorEnv, make_vec
+from packit_sim.game.envs.wrappers import flattened
 from packit_sim.game.episodes.agents import Agent
 from packit_sim.game.evaluation.evaluation import evaluate, evaluate_batched
 
@@ -71,3 +74,52 @@ def test_a_batch_gives_the_same_rollouts_whatever_its_size() -> None:
         with contextlib.closing(PackItVectorEnv(count, **settings)) as envs:
             played.append(evaluate_batched("mine", first, envs, seed=1))
     assert played[0] == played[1]
+
+
+each_class = pytest.mark.parametrize(
+    "vectorization", ["vector_entry_point", "sync", pytest.param("async", marks=pytest.mark.slow)]
+)
+NONE = {"observation": "none", "rotation": "aligned", "location": "blbf", "max_shapes": 40}
+
+
+@each_class
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_all_vector_classes_reset_as_they_are_asked_to(vectorization, mode) -> None:
+    """The invalid action 39 ends each episode at once; the next step shows whether it was reset."""
+    with contextlib.closing(
+        make_vec("PackIt-v0", 2, vectorization, autoreset_mode=mode, **NONE)
+    ) as envs:
+        assert envs.metadata["autoreset_mode"].value == mode
+        envs.reset(seed=0)
+        seen, _, over, _, infos = envs.step(np.array([39, 39]))
+        assert over.all() and ("final_info" in infos) == (mode == "SameStep")
+        assert seen["action_mask"].any() == (mode == "SameStep")
+        seen, _, over, _, _ = envs.step(np.array([0, 0]))
+        assert not over.any() and seen["action_mask"].any()
+
+
+@each_class
+def test_members_may_have_different_tasks(vectorization) -> None:
+    tasks = load_tasks("starter")
+    own = [{"tasks": tasks[:2], "order": "cycle"}, {"tasks": tasks[2:5], "order": [0, 0, 1]}]
+    with contextlib.closing(
+        make_vec("PackIt-v0", 2, vectorization, member_settings=own, **NONE)
+    ) as envs:
+        seen, _ = envs.reset(seed=0)
+        assert seen["action_mask"].sum(axis=1).tolist() == [len(tasks[n].items) for n in (0, 4)]
+        if vectorization == "vector_entry_point":
+            with pytest.raises(ArgumentError, match="have different tasks: use those of `members`"):
+                evaluate_batched("mine", lambda seen: seen["stage"], envs, seed=0)
+
+
+def test_wrappers_and_settings_that_cannot_be_are_refused() -> None:
+    for settings, message in (
+        ({"member_settings": [{}]}, "member_settings are 1: give those of 2 environments"),
+        ({"wrappers": [flattened]}, "choose the vectorization_mode sync or async"),
+        ({"autoreset_mode": "Never"}, "choose from 'NextStep', 'SameStep', 'Disabled'"),
+        ({"vectorization_mode": "threads"}, "choose from 'vector_entry_point', 'sync', 'async'"),
+    ):
+        with pytest.raises(ArgumentError, match=message):
+            make_vec("PackIt-v0", 2, **settings)
+    with contextlib.closing(make_vec("PackIt-v0", 2, "sync", wrappers=[flattened], **NONE)) as envs:
+        assert envs.reset(seed=0)[0].ndim == 2

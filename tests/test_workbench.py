@@ -150,6 +150,7 @@ def test_an_order_that_is_not_possible_gets_one_sentence(bench) -> None:
         ({"box": "0x10x15"}, "0"),
         ({"box": "nonsense"}, "nonsense"),
         ({"box": "5x5x5"}, "larger than the box"),
+        ({"box": "A:/somewhere/trunk.stl"}, "is a file: choose sides"),
         ({"unit": "ell"}, "unit 'ell' is not known"),
         ({"clearance": "-1"}, "clearance"),
         ({"files": []}, "there are no parts"),

@@ -68,5 +68,5 @@ def test_parts_are_sent_packed_locked_and_packed_again(page) -> None:
     page.locator("[name=z]").fill("5")
     page.locator("#pack").click()
     page.locator("#message.error").wait_for()
-    assert "5 mm" in page.locator("#message").inner_text()
+    assert "5 beyond the box's top wall, in mm" in page.locator("#message").inner_text()
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")

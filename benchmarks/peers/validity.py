@@ -14,10 +14,11 @@ from itertools import combinations
 from benchmarks.peers.posed import Posed
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Shape
+from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.packings.validity import CheckedItem, outside, pair_problems
+from packit_sim.parts.packings.validity import outside, pair_problems
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,15 @@ Nothing here is of PackIt-Sim or trimesh.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from campaigns.packings import triangles
 from campaigns.packings.shapes import Floats, Ints
+
+MOST = 10_000
+"""Results that are kept of each function: most trials have the same bodies at the same places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +39,12 @@ class Body:
         """The highest corner of its bounding box."""
         return self.vertices.max(axis=0)
 
-    @property
+    @cached_property
     def volume(self) -> float:
         """The volume, from the signed tetrahedra of its triangles."""
         return abs(float(np.linalg.det(self.corners - self.low).sum())) / 6
 
-    @property
+    @cached_property
     def centre(self) -> Floats:
         """The centre of its volume."""
         moved = self.corners - self.low
@@ -63,8 +66,9 @@ class Body:
 
     def moved(self, matrix: Floats) -> Body:
         """Return it moved by a matrix (4, 4)."""
-        return Body(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], self.faces)
+        return _moved(self, tuple(matrix.ravel().tolist()))
 
+    @lru_cache(MOST)  # noqa: B019
     def gap(self, other: Body) -> float:
         """Return the largest gap along a separating axis: below 0 if the bodies overlap."""
         cross = np.cross(self.edges[:, None], other.edges[None]).reshape(-1, 3)
@@ -75,6 +79,7 @@ class Body:
         )
         return float(gaps.max())
 
+    @lru_cache(MOST)  # noqa: B019
     def distance(self, other: Body) -> float:
         """Return the distance; 0 if the bodies overlap."""
         if self.gap(other) <= 0:
@@ -82,6 +87,13 @@ class Body:
         return triangles.distance(self.corners, other.corners, np.inf)
 
 
+@lru_cache(MOST)
+def _moved(body: Body, matrix: tuple[float, ...]) -> Body:
+    rows = np.array(matrix).reshape(4, 4)
+    return Body(body.vertices @ rows[:3, :3].T + rows[:3, 3], body.faces)
+
+
+@lru_cache(MOST)
 def read_obj(text: str) -> Body:
     """Read an OBJ file of triangles."""
     rows = [line.split() for line in text.splitlines()]

@@ -430,7 +430,7 @@ BYTES = "any bytes"
 
 def forged(kind: str, record: Record, folder: Path, rng: Random) -> bytes:
     """Forge a record in one way, sometimes in two, and return its text."""
-    new = deepcopy(record)
+    new = json.loads(json.dumps(record))  # a copy, faster than deepcopy
     if kind in CHANGES:
         CHANGES[kind](new, folder, rng)
         if rng.random() < 0.1 and kind != "nothing that matters":

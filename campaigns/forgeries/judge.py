@@ -81,6 +81,7 @@ class Judge:
 
     def __init__(self, folder: Path, honest: Mapping[str, Any]) -> None:
         self.folder = folder
+        self._root = os.path.realpath(folder) + os.sep
         self.honest = honest
         self.has_request = True
         self.doubts: list[str] = []
@@ -115,7 +116,7 @@ class Judge:
         return record
 
     def _record(self, record: Mapping[str, Any]) -> None:
-        request = record["request"]
+        request = {"separable": False} | record["request"]  # earlier versions did not record it
         _require(_number(request["clearance"]) >= 0, "clearance")
         _require(_number(request["wall clearance"]) >= 0, "wall clearance")
         for name in ("unit", "objective", "clearance", "wall clearance"):
@@ -416,11 +417,10 @@ class Judge:
 
     def _in_folder(self, path: Path) -> None:
         self._leads_inside(path)
-        _require(path.is_file(), "no mesh")
+        _require(os.path.isfile(path), "no mesh")  # also False for a name that is too long
 
     def _leads_inside(self, path: Path) -> None:
-        root = os.path.realpath(self.folder)
-        _require(os.path.realpath(path).startswith(root + os.sep), "a file out of the folder")
+        _require(os.path.realpath(path).startswith(self._root), "a file out of the folder")
 
     def _at_most(self, value: float, right: float, wrong: float, what: str) -> None:
         _require(value <= wrong, f"{what}: {value:.3g}")

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from campaigns.forgeries.cases import Case, cases
 from campaigns.forgeries.changes import BYTES, CHANGES, FILES, TREE, forged
 from campaigns.forgeries.judge import Judge, Wrong
+from campaigns.forgeries.memory import remembered
 from packit_sim.core.errors import PackItError
 from packit_sim.parts.results.resuming import read_earlier
 from packit_sim.parts.results.verification import REQUEST, verify_record
@@ -43,9 +44,9 @@ class Trial(NamedTuple):
 
 
 def trials(numbers: Iterable[int], seed: int) -> list[Trial]:
-    """Try forgeries, each kind in turn."""
+    """Try forgeries, each kind in turn, and remember what is computed from the same meshes."""
     logging.getLogger("packit_sim").setLevel(logging.ERROR)  # each part that is not resumed
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name, remembered():
         own = cases(Path(name) / "cases")
         work = Path(name) / "work"
         return [tried(KINDS[n % len(KINDS)], own, f"{seed}/{n}", work) for n in numbers]

@@ -31,6 +31,8 @@ class Case:
         The arguments of `pack`.
     settings, reading : dict of str to object
         The arguments of `PackSettings` and `ReadSettings`.
+    by_cells : bool
+        Whether the search has cells instead of fields, as it has for many different parts.
     """
 
     truth: Truth
@@ -39,6 +41,7 @@ class Case:
     objective: str
     settings: dict[str, Any]
     reading: dict[str, Any]
+    by_cells: bool
 
 
 def make(seed: int, folder: Path) -> Case:
@@ -141,7 +144,9 @@ def _asked(
         "boxes": count if count > 1 else None,
         "insertable": insertable,
         "removable": bool(rng.random() < 0.1),
+        "separable": bool(rng.random() < 0.1),
     }
+    by_cells = bool(rng.random() < 0.3)
     truth = Truth(
         tuple(builder.parts),
         tuple(true),
@@ -153,6 +158,5 @@ def _asked(
         list_kind,
     )
     reading = {"unit": builder.unit, "up": builder.up, "split": builder.split}
-    return Case(
-        truth, sources, boxes, objective, settings, {**reading, "rotations": builder.rotations}
-    )
+    reading |= {"rotations": builder.rotations}
+    return Case(truth, sources, boxes, objective, settings, reading, by_cells)

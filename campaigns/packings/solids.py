@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-import manifold3d  # type: ignore[import-not-found]
+import manifold3d
 import numpy as np
 
 from campaigns.packings import triangles

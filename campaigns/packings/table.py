@@ -25,9 +25,11 @@ def totals(trials: Mapping[str, Trial]) -> dict[str, Any]:
     }
     for kind, own in groups.items():
         rows[kind] = _row(own, kind) | {"parts": sum(one["parts"].get(kind, 0) for one in own)}
-    whole = _row(list(trials.values()), "") | {
-        "parts": sum(sum(one["parts"].values()) for one in trials.values())
-    }
+    for name in ("by cells", "separable"):
+        own = [one for one in trials.values() if one[name]]
+        rows[f"search: {name}"] = _row(own, "") | {"parts": _parts(own)}
+    every = list(trials.values())
+    whole = _row(every, "") | {"parts": _parts(every)}
     problems = {seed: one["problems"] for seed, one in trials.items() if one["problems"]}
     return {
         "formats": rows | {"all": whole},
@@ -35,6 +37,10 @@ def totals(trials: Mapping[str, Trial]) -> dict[str, Any]:
         "seconds": round(sum(one["seconds"] for one in trials.values())),
         "problems": problems,
     }
+
+
+def _parts(trials: Sequence[Trial]) -> int:
+    return sum(sum(one["parts"].values()) for one in trials)
 
 
 def _row(trials: Sequence[Trial], kind: str) -> dict[str, int]:

@@ -8,14 +8,19 @@ import sys
 import time
 import traceback
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from campaigns.packings.cases import Case, make
 from campaigns.packings.checker import check
 from campaigns.packings.truth import Problem
 from packit_sim import PackSettings, pack
 from packit_sim.core.errors import PackItError
+from packit_sim.parts.filling import search
+from packit_sim.parts.nesting.nest import NestSettings
+from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.results import exports, pictures
@@ -25,6 +30,9 @@ ITERATIONS = 5
 
 SECONDS = 2.0
 """Time limit of each search, in seconds."""
+
+BY_CELLS = SearchSettings(most_fields=0)
+"""Settings of a search by cells, however few different parts there are."""
 
 
 def begin() -> None:
@@ -45,7 +53,9 @@ def packed(case: Case, seed: int, out: Path) -> None:
         **case.settings, workers=1, iterations=ITERATIONS, reading=ReadSettings(**case.reading)
     )
     objective: Any = case.objective
-    pack(case.sources, case.boxes, objective, SECONDS, seed, out, settings=settings)
+    nest_settings = partial(NestSettings, search=BY_CELLS if case.by_cells else SearchSettings())
+    with patch.object(search, "NestSettings", nest_settings):
+        pack(case.sources, case.boxes, objective, SECONDS, seed, out, settings=settings)
 
 
 def tried(seed: int, work: Path) -> dict[str, Any]:
@@ -84,6 +94,8 @@ def _trial(case: Case, seconds: float, count: int, problems: list[Problem]) -> d
     return {
         "seconds": round(seconds, 1),
         "list": case.truth.list_kind,
+        "by cells": case.by_cells,
+        "separable": case.settings["separable"],
         "parts": dict(Counter(part.kind for part in case.truth.parts)),
         "packed": count,
         "problems": [vars(each) for each in problems],

@@ -39,6 +39,7 @@ COMMANDS: dict[str, dict[str, str]] = {
     BENCHMARK: {
         "shapes": "shape_commands",
         "generate": "generation_commands",
+        "prepare": "physics_commands",
         "verify": "verify_command",
         "compact": "physics_commands",
         "score": "physics_commands",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +33,7 @@ from packit_sim.physics.settings import PhysicsSettings
 with lazy_imports():
     from packit_sim.cli import evaluations, inputs, output, terminal
     from packit_sim.core import parallel
+    from packit_sim.game.evaluation import training_runs
     from packit_sim.physics.convex import decomposition as convex
 
 
@@ -140,8 +143,19 @@ def evaluate_command(
 
 def compare_command(
     results: Annotated[
-        list[Path], typer.Argument(help="One or two results files of `packit evaluate`.")
+        list[Path],
+        typer.Argument(
+            help="One or two results files of `packit evaluate`; with --runs any number."
+        ),
     ],
+    runs: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATTERN",
+            help="Names of agents, with * for any text, that are training runs of one method; may "
+            "be repeated, once for each method.",
+        ),
+    ] = None,
     seconds: Annotated[
         float | None,
         typer.Option(
@@ -157,8 +171,19 @@ def compare_command(
     With one file, its agents are compared with each other. With two files, the agents of the first
     are compared with those of the second.
 
+    With --runs, methods are compared that were trained several times: means and interquartile
+    means, with intervals over runs and tasks, and differences to the first method. A method whose
+    name is in several files has a run in each.
+
     Example: packit compare mine.jsonl yours.jsonl
+
+    Example: packit compare results.jsonl --runs "learned@seed-*" --runs "largest-first/*"
     """
+    if runs:
+        if seconds is not None:
+            raise ArgumentError("--seconds has no effect with --runs: leave it out")
+        _compare_runs(results, runs)
+        return
     if len(results) > 2:
         raise ArgumentError(f"{len(results)} files can't be compared: give one or two")
     found = [packit_sim.read_results(file) for file in results]
@@ -182,3 +207,23 @@ def compare_command(
         raise ArgumentError(f"{' and '.join(map(str, results))}: {error}") from None
     evaluations.show_agents(name for _, (name, _) in numbered)
     terminal.console.print(evaluations.comparison_table(rows))
+
+
+def _compare_runs(files: Sequence[Path], patterns: Sequence[str]) -> None:
+    """Print the scores of methods, each with the runs whose agents match its pattern."""
+    played = []
+    for file in files:
+        rollouts = packit_sim.read_results(file)
+        inputs.check_shown(file, rollouts)
+        names = evaluations.agents_of(rollouts)
+        played += [(name, evaluations.of_agent(rollouts, name)) for name in names]
+    methods = {
+        pattern: [rollouts for name, rollouts in played if fnmatchcase(name, pattern)]
+        for pattern in patterns
+    }
+    for pattern, found in methods.items():
+        if not found:
+            known = ", ".join(dict.fromkeys(name for name, _ in played))
+            raise ArgumentError(f"--runs {pattern!r} matches no agent: the results have {known}")
+    evaluations.show_agents(methods)
+    terminal.console.print(evaluations.run_table(training_runs.score_runs(methods)))

@@ -20,6 +20,7 @@ from packit_sim.game.episodes.agents import Agent
 from packit_sim.game.evaluation.evaluation import SUCCESS_LEVELS, Score, evaluate
 from packit_sim.game.evaluation.judging import SCORES, is_judged, judge
 from packit_sim.game.evaluation.results import Rollout
+from packit_sim.game.evaluation.training_runs import RunsScore
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.settings import Method
 from packit_sim.rules import PACKIT, Rules
@@ -146,6 +147,29 @@ def comparison_table(
             *map(str, (found.wins, found.ties, found.losses)),
         )
     table.caption = "returns on the same tasks; below each mean its 95% bootstrap interval"
+    return table
+
+
+def run_table(scores: Sequence[RunsScore]) -> Table:
+    """Create a table of methods, by their numbers, over their training runs."""
+    table = _number_table(
+        "", "runs", "tasks", "mean", "middle half", "worst run", "best run", "difference"
+    )
+    for number, score in enumerate(scores, start=1):
+        table.add_row(
+            str(number),
+            str(score.runs),
+            str(score.tasks),
+            interval(score.mean, ".3f", ".3f"),
+            interval(score.iqm, ".3f", ".3f"),
+            f"{score.worst:.3f}",
+            f"{score.best:.3f}",
+            interval(score.difference, "+.3f", "+.3f") if number > 1 else "",
+        )
+    table.caption = (
+        "returns on the tasks that all runs have played; middle half: the interquartile mean; "
+        "below each mean its 95% bootstrap interval over runs and tasks"
+    )
     return table
 
 

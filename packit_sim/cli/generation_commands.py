@@ -23,7 +23,7 @@ from packit_sim.game.datasets.densification_settings import DensificationSetting
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings, SearchName
 
 with lazy_imports():
-    from packit_sim.cli import generation_progress, output, puzzle_generation
+    from packit_sim.cli import generation_progress, output, puzzle_generation, split_generation
     from packit_sim.core import parallel
     from packit_sim.game.datasets import pack_files
     from packit_sim.game.generation import jobs
@@ -42,6 +42,13 @@ def generate_command(
     split: Annotated[
         Split | None,
         typer.Option(help="Split of the library; the dataset's file is named after it."),
+    ] = None,
+    splits: Annotated[
+        tuple[int, int, int] | None,
+        typer.Option(
+            metavar="TRAIN VALIDATION TEST",
+            help="Number of packs in each of three splits, instead of --packs and --split.",
+        ),
     ] = None,
     seed: SeedOption = 0,
     library: LibraryOption = "everyday",
@@ -150,12 +157,18 @@ def generate_command(
     that a dataset from a folder of your meshes has tasks with their shapes, but not with their
     real sizes or numbers. `packit pack` packs your parts at their sizes.
 
+    With --splits the dataset has three files, whose packs share no object. A folder of mesh files
+    is first imported into the folder `library` of the dataset: repaired, simplified, and divided so
+    that near-duplicates stay together. `packit shapes import` does the same with more options.
+
     Pack n has the seed SEED + n, so that each can be generated separately. The command can be
     stopped at any time: repeat it to resume. The packs are the same in the end.
 
     Example: packit generate --packs 100 --split train --workers 8 --out my-packs
 
     Example: packit generate --library my-meshes --packs 3 --generations 50 --out my-packs
+
+    Example: packit generate --library my-meshes --splits 70 15 15 --out my-dataset
 
     Example: packit generate --dense --packs 10 --split train --out hard-packs
 
@@ -176,7 +189,11 @@ def generate_command(
             raise ArgumentError(
                 f"{option} has no effect {'with' if dense else 'without'} --dense: leave it out"
             )
-    opened = generation_progress.readable_library(packit_sim.ShapeLibrary.open(library))
+    counts = _counts(context, splits, split, packs)
+    if splits is None:
+        opened = generation_progress.readable_library(packit_sim.ShapeLibrary.open(library))
+    else:
+        opened = split_generation.library_with_splits(library, out, workers)
     settings: jobs.SearchSettings
     if dense:
         settings = DensificationSettings(
@@ -197,14 +214,32 @@ def generate_command(
             size_range=size_range,
             search=search,
         )
-    order = jobs.GenerationJob(
-        opened.split(split) if split else opened, packs, seed, split, history, settings
-    )
-    file = out / f"{split or pack_files.WHOLE}.jsonl"
-    with (
-        stoppable(RESUMABLE),
-        parallel.Workers(workers, backend, address) as processes,
-        generation_progress.shown(order, file, processes.count) as on_pack,
-    ):
-        generated = jobs.generate(order, file, processes, on_pack)
-    output.print_written(file, f": {len(generated)} packs")
+    with stoppable(RESUMABLE), parallel.Workers(workers, backend, address) as processes:
+        for part, count in counts.items():
+            shapes_of_it = opened.split(part) if part else opened
+            order = jobs.GenerationJob(shapes_of_it, count, seed, part, history, settings)
+            file = out / f"{part or pack_files.WHOLE}.jsonl"
+            with generation_progress.shown(order, file, processes.count) as on_pack:
+                generated = jobs.generate(order, file, processes, on_pack)
+            output.print_written(file, f": {len(generated)} packs")
+
+
+def _counts(
+    context: typer.Context,
+    splits: tuple[int, int, int] | None,
+    split: Split | None,
+    packs: int,
+) -> dict[Split | None, int]:
+    """Return the number of packs of each split, or of the only file."""
+    if splits is None:
+        return {split: packs}
+    for name in ("split", "packs"):
+        source = context.get_parameter_source(name)
+        if source is not None and source.name != "DEFAULT":
+            raise ArgumentError(f"--{name} has no effect with --splits: leave it out")
+    if min(splits) < 0 or not any(splits):
+        raise ArgumentError(
+            f"--splits {' '.join(map(str, splits))} is not possible: 0 or more packs, and not all 0"
+        )
+    order = split_generation.ORDER
+    return {name: count for name, count in zip(order, splits, strict=True) if count}

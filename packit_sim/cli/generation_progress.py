@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.markup import escape
 from rich.progress import TaskID
 
+from packit_sim.cli.library_import import print_shells
 from packit_sim.cli.terminal import console, progress_bars
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
 from packit_sim.game.datasets.pack_files import read_packs
@@ -43,6 +44,7 @@ def readable_library(library: ShapeLibrary) -> ShapeLibrary:
         console.print(f"skipped {why}", style="yellow", markup=False, soft_wrap=True)
     if skipped:
         console.print(f"{len(readable)} of {len(library)} shapes can be used")
+    print_shells(id for id in readable if readable[id].is_shell)
     return readable
 
 

@@ -50,8 +50,14 @@ def decompose_shown(
     shapes: Sequence[Shape],
     settings: DecompositionSettings | None = None,
     workers: int | None = None,
-) -> None:
-    """Decompose the shapes that are in no cache yet for a simulation, with a progress bar."""
+) -> int:
+    """Decompose the shapes that are in no cache yet for a simulation, with a progress bar.
+
+    Returns
+    -------
+    int
+        The number of shapes that were decomposed.
+    """
     require_engine()
     missing = [
         shape
@@ -59,7 +65,7 @@ def decompose_shown(
         if not is_cached(shape, settings)
     ]
     if not missing:
-        return
+        return 0
     with progress_bars() as progress:
         bar = progress.add_task("decomposing", total=len(missing), note="shapes, once")
 
@@ -68,3 +74,4 @@ def decompose_shown(
 
         decompose_all(missing, settings, workers or None, show)
         progress.update(bar, note="")
+    return len(missing)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -162,14 +163,18 @@ def nest_command(
         highlight=False,
         soft_wrap=True,
     )
+    solved = found
     if instance_out is not None:
         instances.write_instance(types, container, instance_out)
         output.print_written(instance_out)
+        # a solution has its names of meshes
+        named, _ = instances.read_instance(instance_out, rotations)
+        solved = replace(found, types=named)
     if out is not None:
         name = f"{instance}.json"  # of a built-in one that is not written
         if instance_out is not None or instance not in BUILTIN_NAMES:
             name = _instance_path(instance_out or Path(instance), out)
-        instances.write_solution(found, out, name)
+        instances.write_solution(solved, out, name)
         output.print_written(out)
     if packing is not None:
         found.write(packing)

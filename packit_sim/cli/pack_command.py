@@ -18,6 +18,7 @@ from packit_sim.cli.options import (
 )
 from packit_sim.cli.stopping import RESUMABLE, stoppable
 from packit_sim.core.choices import Goal
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.length_units import Unit
 
@@ -37,13 +38,19 @@ def pack_command(
             help="Mesh files, FILE=COUNT for several of one, folders, or manifests (.csv, .xlsx).",
         ),
     ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the packing.")],
     box: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             "--box", help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several."
         ),
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the packing.")],
+    ] = None,
+    container: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Another container: cylinder:220x300mm (diameter x height), or a closed mesh file."
+        ),
+    ] = None,
     objective: Annotated[
         Goal,
         typer.Option(help="Most volume, count or value; or all parts, lowest or in fewest boxes."),
@@ -147,9 +154,14 @@ def pack_command(
 
     Example: packit pack bracket.stl=4 lid.3mf --box 12x8x6in --unit in --clearance 0.04in -o packed
 
+    Example: packit pack parts/*.stl --container cylinder:220x300mm --out packed
+
     Example: packit pack parts.csv --objective boxes --box 300x200x150mm --time 60s -o packed
     """
-    length: Unit = box_texts.box_unit(box) or unit
+    boxes_asked = [*(box or ()), *(container or ())]
+    if not boxes_asked:
+        raise ArgumentError("there is no box: choose --box 300x200x150mm, or --container")
+    length: Unit = box_texts.box_unit(boxes_asked) or unit
     settings = packit_sim.PackSettings(
         clearance=units.lengths(clearance, 1, length)[0],
         wall_clearance=units.lengths(wall_clearance, 1, length)[0],
@@ -182,7 +194,7 @@ def pack_command(
         seconds = read_seconds(time)
         packed = packit_sim.pack(
             parts,
-            box,
+            boxes_asked,
             objective,
             seconds,
             seed,

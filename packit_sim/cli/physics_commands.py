@@ -1,4 +1,4 @@
-"""`packit compact` and `packit score`: compaction of packs, and their quality."""
+"""`packit prepare`, `compact` and `score`: convex pieces, compaction and quality of packs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from packit_sim.cli.options import (
     DatasetLibraryOption,
     DecompositionOption,
     SplitOption,
+    WorkersOption,
 )
+from packit_sim.cli.stopping import RESUMABLE, stoppable
 from packit_sim.core.checks import POSITIVE, check_range
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.geometry.lattice import MOVES
 from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
@@ -27,13 +30,44 @@ with lazy_imports():
     from packit_sim import placement
     from packit_sim.cli import inputs, output, terminal
     from packit_sim.core import confidence
-    from packit_sim.game.datasets import provenance
+    from packit_sim.game.datasets import pack_files, provenance
     from packit_sim.geometry import items
     from packit_sim.physics.convex import decomposition as convex
 
 LimitOption = Annotated[int | None, typer.Option(min=1, help="Read only the first N packs.")]
 ScoredPack: TypeAlias = "tuple[packit_sim.Pack, Mapping[str, float], Mapping[str, Any]]"
 OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="JSON file for all numbers.")]
+
+
+def prepare_command(
+    dataset: DatasetArgument,
+    physics: Annotated[
+        bool, typer.Option("--physics", help="Decompose the shapes into convex pieces.")
+    ] = False,
+    split: SplitOption = None,
+    library: DatasetLibraryOption = None,
+    decomposition: DecompositionOption = METHODS[0],
+    workers: WorkersOption = 0,
+) -> None:
+    """Compute beforehand what takes long when it is first needed.
+
+    PackItPhysics-v0, `packit evaluate --physics` and `packit score` simulate convex pieces of
+    shapes. A shape takes 3 to 22 s, once: the pieces are kept on disk, for all processes. The
+    command can be stopped at any time: repeat it to resume.
+
+    Example: packit prepare everyday-v1 --split train --physics
+    """
+    if not physics:
+        raise ArgumentError("nothing to prepare: give --physics")
+    settings = DecompositionSettings(method=decomposition)
+    convex.require(settings)
+    opened = inputs.open_library(library, dataset, split)
+    files = pack_files.dataset_files(dataset, split)
+    packs = [pack for file in files for pack in packit_sim.read_packs(file)]
+    ids = sorted({item.shape for pack in packs for item in (*pack.items, *pack.outside)})
+    with stoppable(RESUMABLE):
+        new = inputs.decompose_shown([opened[id] for id in ids], settings, workers)
+    terminal.console.print(f"{len(ids)} shapes are prepared, {new} of them now")
 
 
 def compact_command(

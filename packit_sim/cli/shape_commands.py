@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,22 +12,19 @@ import typer
 import packit_sim
 from packit_sim.cli.help import group
 from packit_sim.cli.options import LibraryOption, SeedOption, WorkersOption
-from packit_sim.cli.stopping import NOTHING_WRITTEN, stoppable
 from packit_sim.core.choices import SPLITS, Axis, Split
-from packit_sim.core.errors import LibraryError, MeshError, PackItError
+from packit_sim.core.errors import LibraryError, MeshError
 from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.length_units import UNITS_CM, Unit
-from packit_sim.core.plain_text import listed
 from packit_sim.render.defaults import MAX_SIDE
 
 with lazy_imports():
     from rich import markup
     from rich import table as rich_table
 
-    from packit_sim.cli import output, shape_tables, terminal
-    from packit_sim.core import files
+    from packit_sim.cli import library_import, output, shape_tables, terminal
     from packit_sim.geometry import simplification
-    from packit_sim.libraries import importer, stored
+    from packit_sim.libraries import importer
     from packit_sim.render import contact_sheets
 
 app = group("Describe shape libraries, and import meshes.")
@@ -88,7 +84,10 @@ def show(
     opened = packit_sim.ShapeLibrary.open(library)
     info, shape = opened.info(id), opened[id]
     table = rich_table.Table(show_header=False, box=None)
-    for name, value in shape_tables.facts(opened, info).items():
+    facts = shape_tables.facts(opened, info)
+    if shape.is_shell:
+        facts["volume"] += ", of a shell: the surface is open, and encloses next to nothing"
+    for name, value in facts.items():
         table.add_row(f"[bold]{name}[/]", markup.escape(value))
     table.add_row("[bold]extents[/]", " x ".join(f"{e:.3f}" for e in shape.extents))
     terminal.console.print(table)
@@ -258,59 +257,14 @@ def import_command(
         splits = None if everything else opened.source.splits
     except LibraryError:
         splits = None
-    ids = opened.ids if splits is None else sorted(set().union(*splits.values()))
-    missing = [
-        importer.ImportOutcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
-        for id, problem in opened.missing.items()
-    ]
-
-    def write_report(outcomes: list[importer.ImportOutcome]) -> None:
-        shapes = [asdict(outcome) for outcome in outcomes + missing]
-        output.write_json(report, {"source": source, "shapes": shapes})
-
-    with (
-        stoppable(NOTHING_WRITTEN),
-        files.claimed(files.lock_path(out), out),
-        terminal.progress_bars() as progress,
-    ):
-        stored.remove_unfinished(out)
-        if out.exists() and not overwrite:
-            raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
-        bar = progress.add_task("importing", total=len(ids), note="")
-
-        def advance(outcome: importer.ImportOutcome) -> None:
-            progress.update(bar, advance=1, note=outcome.id)
-
-        outcomes = importer.import_library(
-            [opened.source.candidate(id) for id in ids],
-            out,
-            name or out.name,
-            library_version,
-            settings,
-            splits,
-            advance,
-            write_report,
-        )
-    outcomes += missing
-    terminal.console.print(shape_tables.report_table(outcomes))
-    kept = sum(outcome.problem is None for outcome in outcomes)
-    terminal.console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused")
-    if joined := [outcome.name for outcome in outcomes if outcome.parts > 1]:
-        terminal.console.print(
-            f"Files with several parts: {listed(joined)}. The parts of a file become one rigid "
-            "shape; to pack them separately, write each part to a separate file.",
-            style="yellow",
-            markup=False,
-            soft_wrap=True,
-        )
-    if shells := [outcome.name for outcome in outcomes if outcome.is_shell]:
-        terminal.console.print(
-            f"Open meshes: {listed(shells)}. Their volume is only that of a thin sheet, and other "
-            "items may be placed inside; if they are meant to be solid, close their surface.",
-            style="yellow",
-            markup=False,
-            soft_wrap=True,
-        )
-    if not kept:
-        raise PackItError(f"{source}: none of its meshes can be a shape: {out} is not written")
-    output.print_written(out, f": {packit_sim.ShapeLibrary.open(out)}")
+    library_import.import_shown(
+        opened,
+        out,
+        name or out.name,
+        library_version,
+        settings,
+        source=source,
+        report=report,
+        splits=splits,
+        overwrite=overwrite,
+    )

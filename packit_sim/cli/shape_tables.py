@@ -101,7 +101,7 @@ def report_table(outcomes: Sequence[ImportOutcome]) -> Table:
     table = simple_table(*columns)
     notable = [outcome for outcome in outcomes if outcome.problem is not None]
     kept = [outcome for outcome in outcomes if outcome.problem is None]
-    notable += sorted(kept, key=lambda o: (o.parts == 1, not o.repairs))
+    notable += sorted(kept, key=lambda o: (not o.is_shell, o.parts == 1, not o.repairs))
     for outcome in notable[:MAX_ROWS]:
         info = outcome.info
         if info is None:
@@ -111,6 +111,7 @@ def report_table(outcomes: Sequence[ImportOutcome]) -> Table:
         done += [f"{outcome.parts} parts joined"] if outcome.parts > 1 else []
         counts = asdict(outcome.repairs) if outcome.repairs else {}
         done += [f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count]
+        done += ["open: volume of a shell"] if outcome.is_shell else []
         table.add_row(
             escape(outcome.name),
             f"{outcome.triangles_read} to {info.triangles}",

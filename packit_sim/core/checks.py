@@ -2,6 +2,7 @@
 
 import math
 import operator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -118,6 +119,36 @@ def check_settings(settings: Any, kind: str = "", **checks: Valid) -> None:
     """
     for name, valid in checks.items():
         check_range(f"{kind} {name} =" if kind else name, getattr(settings, name), valid)
+
+
+def one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:
+    """Raise ArgumentError if the value of a setting is not one of the valid ones."""
+    if value not in valid:
+        choices = ", ".join(map(repr, valid))
+        raise ArgumentError(f"{setting} {value!r} is not known: choose from {choices}")
+
+
+def check_keywords(call: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Check keyword arguments that a function passes on.
+
+    Parameters
+    ----------
+    call : str
+        The function, as Python names it in its own messages, such as "Rules.changed".
+
+    Raises
+    ------
+    TypeError
+        If one is not known: in Python's own words, which other libraries look for, and then the
+        known ones.
+    """
+    known = tuple(known)
+    for name in given:
+        if name not in known:
+            raise TypeError(
+                f"{call}() got an unexpected keyword argument {name!r}: "
+                f"choose from {', '.join(known)}"
+            )
 
 
 def check_same(**values: tuple[Any, Any]) -> None:

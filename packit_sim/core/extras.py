@@ -12,6 +12,7 @@ EXTRAS = {
     "coacd": "physics",
     "h5py": "learn",
     "imageio_ffmpeg": "view",
+    "manifold3d": "containers",
     "matplotlib": "report",
     "minari": "learn",
     "pybullet": "physics",

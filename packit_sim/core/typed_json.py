@@ -51,13 +51,15 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
         JSON, a bool is not a number, and an integer has at most `MAX_DIGITS` digits. The message
         names the field, its value and the valid values.
     """
-    refuse_long_integers(data, error)
     try:
-        return msgspec.json.decode(data, type=kind)
-    except msgspec.ValidationError as problem:
-        raise error(_sentence(str(problem), _parsed(data), kind, what)) from None
-    except UnicodeDecodeError:
+        text = data.decode() if isinstance(data, bytes) else data
+    except UnicodeDecodeError:  # msgspec does not look at texts that the record does not have
         raise error("not JSON: it is not text in UTF-8") from None
+    refuse_long_integers(text, error)
+    try:
+        return msgspec.json.decode(text, type=kind)
+    except msgspec.ValidationError as problem:
+        raise error(_sentence(str(problem), _parsed(text), kind, what)) from None
     except (ValueError, RecursionError) as problem:
         raise error(f"not JSON: {problem}") from None
 
@@ -75,7 +77,7 @@ def convert(raw: Any, kind: type[T], error: type[PackItError], what: str = "it")
 
 
 def check_names(
-    values: Mapping[str, Any], kind: type, error: type[Exception], table: str = ""
+    values: Mapping[str, Any], kind: type, error: type[PackItError], table: str = ""
 ) -> None:
     """Check that the names of settings exist, also those of settings within settings.
 
@@ -85,14 +87,14 @@ def check_names(
         Settings by name.
     kind : type
         The dataclass of the settings.
-    error : type of Exception
+    error : type of PackItError
         The error to raise.
     table : str
         A prefix of the names in the message, such as "physics."; empty for the outermost.
 
     Raises
     ------
-    Exception
+    PackItError
         The given type, if there is no setting of such a name; the message lists the valid ones.
     """
     known = {

@@ -32,15 +32,15 @@ OFF_GRID_COLLISIONS_BUDGET = 100_000
 """Cached answers about items off the grid."""
 
 
-def collides(placed: PlacedItem, other: ItemInBox) -> bool:
+def collides(placed: ItemInBox, other: ItemInBox) -> bool:
     """Decide by FCL whether the collision meshes of two items cross.
 
     Parameters
     ----------
-    placed : PlacedItem
-        An item on the grid.
-    other : ItemInBox
+    placed : ItemInBox
         An item on the grid or off it.
+    other : ItemInBox
+        Another one.
 
     Returns
     -------
@@ -52,21 +52,21 @@ def collides(placed: PlacedItem, other: ItemInBox) -> bool:
     For two items on the grid the answer depends only on the items and the whole half cells between
     their centres: the first in a fixed order of items is put at the origin, independently of their
     places in the box and of which was placed first. The pose of an item off the grid is taken
-    relative to the centre of the one on the grid.
+    relative to the centre of the one on the grid; of two off the grid, in the frame of the first.
     """
     pair = Pair.of(placed, other)
     return collision_mesh(pair.item).crosses(collision_mesh(pair.other), pair)
 
 
-def contains(placed: PlacedItem, other: ItemInBox) -> bool:
+def contains(placed: ItemInBox, other: ItemInBox) -> bool:
     """Decide by a plain loop whether a part of one collision mesh is inside the other.
 
     Parameters
     ----------
-    placed : PlacedItem
-        An item on the grid.
+    placed : ItemInBox
+        An item on the grid or off it.
     other : ItemInBox
-        An item on the grid or off it. The meshes don't cross.
+        Another one. The meshes don't cross.
 
     Returns
     -------

@@ -12,7 +12,15 @@ from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.collision import collides, contains
 from packit_sim.engine.feasibility import Mask, is_inside
 from packit_sim.geometry.items import Contents, ItemInBox, PlacedItem, triangles
-from packit_sim.geometry.lattice import FINE_PER_CELL, STEP, Triple, grid_nodes
+from packit_sim.geometry.lattice import (
+    CELL,
+    CONTACT_TOLERANCE,
+    FINE,
+    FINE_PER_CELL,
+    STEP,
+    Triple,
+    grid_nodes,
+)
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxelization import lattice_cells
 from packit_sim.geometry.voxels import unpack
@@ -59,25 +67,32 @@ def oracle(box: Contents[ItemInBox], item: Item) -> Mask:
     return mask
 
 
-def is_valid(cells: Triple, placed: Iterable[ItemInBox], candidate: PlacedItem) -> bool:
-    """Decide whether an item is feasible at its location: the oracle's mask there.
+def is_valid(cells: Triple, placed: Iterable[ItemInBox], candidate: ItemInBox) -> bool:
+    """Decide whether an item is feasible where it is; on the grid, the oracle's mask there.
 
     Parameters
     ----------
     cells : Triple
         The cells of the box along x, y and z.
-    candidate : PlacedItem
-        The item to place, at the location.
+    candidate : ItemInBox
+        The item to place, on the grid or off it. Off the grid it is inside the box if all of its
+        vertices are, within half of the contact tolerance.
 
     Returns
     -------
     bool
         Whether the item is inside the box and in conflict with no item there.
     """
-    return is_inside(cells, candidate) and not any(conflicts(candidate, other) for other in placed)
+    if isinstance(candidate, PlacedItem):
+        inside = is_inside(cells, candidate)
+    else:
+        vertices, slack = candidate.vertices, CONTACT_TOLERANCE / 2
+        size = np.array(cells) * CELL
+        inside = bool((vertices >= -slack).all() and (vertices <= size + slack).all())
+    return inside and not any(conflicts(candidate, other) for other in placed)
 
 
-def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
+def conflicts(candidate: ItemInBox, other: ItemInBox) -> bool:
     """Decide whether two items exclude each other where they are.
 
     They do if a fine cell is inner for one item and outer for the other, if their collision meshes
@@ -85,10 +100,10 @@ def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
 
     Parameters
     ----------
-    candidate : PlacedItem
-        An item on the grid.
-    other : ItemInBox
+    candidate : ItemInBox
         An item on the grid or off it.
+    other : ItemInBox
+        Another one.
 
     Returns
     -------
@@ -100,8 +115,13 @@ def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
     A closed part of a mesh is watertight with consistent winding. What is in its cavities is inside
     it, as by cells. An open part encloses only the fine cells that nothing reaches.
     """
-    if isinstance(other, PlacedItem) and not _boxes_overlap(candidate, other):
+    if isinstance(candidate, PlacedItem):
+        if isinstance(other, PlacedItem) and not _boxes_overlap(candidate, other):
+            return False
+    elif _are_apart(candidate, other):
         return False
+    elif collides(candidate, other):  # cheaper than the voxels of an item off the grid
+        return True
     (own_start, outer, inner), (start, their_outer, their_inner) = map(_fine, (candidate, other))
     low = np.maximum(own_start, start)
     high = np.minimum(own_start + outer.shape, start + their_outer.shape)
@@ -132,6 +152,13 @@ def _boxes_overlap(a: PlacedItem, b: PlacedItem) -> bool:
         a_start < b_stop and b_start < a_stop
         for a_start, a_stop, b_start, b_stop in zip(a.start, a.stop, b.start, b.stop, strict=True)
     )
+
+
+def _are_apart(a: ItemInBox, b: ItemInBox) -> bool:
+    """Return whether no fine cell can belong to both items: their bounding boxes are far apart."""
+    first, second = a.vertices, b.vertices
+    gap = np.maximum(first.min(axis=0) - second.max(axis=0), second.min(axis=0) - first.max(axis=0))
+    return bool((gap > 2 * FINE).any())
 
 
 def _fine(placed: ItemInBox) -> _Fine:

@@ -20,7 +20,8 @@ class Pair(NamedTuple):
     Attributes
     ----------
     item : Item
-        The first item, on the grid.
+        The first item. If it is off the grid, in the canonical rotation: then shift and loose turn
+        are in its own frame.
     other : Item
         The second item.
     shift : Floats
@@ -35,8 +36,12 @@ class Pair(NamedTuple):
     loose_turn: Floats | None
 
     @classmethod
-    def of(cls, placed: PlacedItem, other: ItemInBox) -> Pair:
-        """Compute the pair of an item on the grid and one on the grid or off it."""
+    def of(cls, placed: ItemInBox, other: ItemInBox) -> Pair:
+        """Compute the pair of two items, each on the grid or off it."""
+        if not isinstance(placed, PlacedItem):
+            back = placed.pose.rotation.T
+            shift, turn = back @ (other.center - placed.center), back @ other.pose.rotation
+            return cls(placed.item.turned(0), other.item, shift, np.ascontiguousarray(turn))
         if isinstance(other, PlacedItem):
             return cls.at_offset(*canonical(placed, other))
         shift = other.center - placed.center

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 import operator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
@@ -265,6 +266,58 @@ class Item:
             raise ArgumentError(f"scale {self.scale!r} is not possible: it must be more than 0")
         object.__setattr__(self, "scale", float(self.scale))
         object.__setattr__(self, "rotation", _checked_rotation(self.rotation))
+
+    @classmethod
+    def of_size(cls, shape: Shape, size: float | Sequence[float], unit: float = 1.0) -> Item:
+        """Create an item from its size instead of its scale.
+
+        Parameters
+        ----------
+        size : float or sequence of float
+            The longest extent, or the extents along x, y and z of the canonical shape.
+        unit : float
+            The length of a box unit in the unit of `size`: by default, sizes are in box units.
+
+        Returns
+        -------
+        Item
+            The item, in the canonical rotation.
+
+        Raises
+        ------
+        ArgumentError
+            If a length is not possible, or the extents are not those of the shape, by more than 1%
+            of the longest, at any scale.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from packit_sim import Item, Shape
+        >>> brick = Shape.from_mesh(trimesh.creation.box((3, 2, 1)), "brick")
+        >>> Item.of_size(brick, 0.6).extents.round(3).tolist()
+        [0.6, 0.4, 0.2]
+        >>> in_a_box_of_50_cm = Item.of_size(brick, (24, 16, 8), unit=50)
+        >>> in_a_box_of_50_cm.extents.round(3).tolist()
+        [0.48, 0.32, 0.16]
+        """
+        lengths = np.array(size, dtype=np.float64)
+        for name, value in (("size", lengths), ("unit", np.float64(unit))):
+            if not (np.isfinite(value).all() and (value > 0).all()):
+                raise ArgumentError(
+                    f"{name} {value.tolist()!r:.80} is not possible: more than 0, and finite"
+                )
+        if lengths.ndim == 0:
+            return cls(shape, float((lengths / unit / shape.extents.max()) ** 3))
+        diagonal = math.hypot(*lengths.ravel())
+        if lengths.shape != (3,) or (
+            np.abs(lengths / diagonal - shape.extents).max() > 0.01 * shape.extents.max()
+        ):
+            like = " x ".join(f"{length:.3g}" for length in shape.extents * diagonal)
+            raise ArgumentError(
+                f"size {lengths.tolist()!r:.80} is not that of {shape.id!r}: its extents are as "
+                f"{like}"
+            )
+        return cls(shape, (diagonal / unit) ** 3)
 
     def turned(self, rotation: int) -> Item:
         """Return the same shape and scale in another rotation of the canonical shape."""

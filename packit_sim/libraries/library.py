@@ -13,8 +13,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from msgspec import Struct
+
+from packit_sim.core import typed_json
 from packit_sim.core.assets import assets_folder
-from packit_sim.core.choices import SPLITS
+from packit_sim.core.choices import SPLITS, Split
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.core.plain_text import listed
 from packit_sim.core.suggestions import did_you_mean
@@ -69,7 +72,7 @@ class ShapeLibrary:
         self, source: Source, split: str | None = None, unreadable: Mapping[str, str] | None = None
     ) -> None:
         self.source = source
-        self._split = split
+        self._split: Any = split
         self._unreadable = dict(unreadable or {})
         ids = source.splits[split] if split else source.categories
         self.ids = tuple(sorted(id for id in ids if id not in self._unreadable))
@@ -106,6 +109,40 @@ class ShapeLibrary:
             If there is no such library, or it is damaged.
         """
         return ShapeLibrary(_source(source, seed))
+
+    @staticmethod
+    def from_json(values: Mapping[str, Any]) -> ShapeLibrary:
+        """Open the library that `to_json` recorded.
+
+        Parameters
+        ----------
+        values : Mapping
+            The record.
+
+        Returns
+        -------
+        ShapeLibrary
+            The library, or its recorded split.
+
+        Raises
+        ------
+        LibraryError
+            If it is no record of a library, or the library is not where it was, or has changed.
+        """
+        record = typed_json.convert(dict(values), _Record, LibraryError, "a library")
+        opened = ShapeLibrary.open(record.source, seed=record.seed)
+        if opened.digest != record.digest:
+            raise LibraryError(
+                f"{record.source} is not the recorded library {record.name!r} {record.version}: "
+                f"its digest is {opened.digest:.12}, not {record.digest:.12}"
+            )
+        return ShapeLibrary(opened.source, record.split, record.unreadable)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a record in JSON's types: name, version and digest, and what opens it here."""
+        facts = self.name, self.version, self.digest, self.locator
+        record = _Record(*facts, self.source.seed, self._split, self._unreadable)
+        return dict(typed_json.builtins(record))
 
     def split(self, name: str) -> ShapeLibrary:
         """Restrict the library to one split.
@@ -258,6 +295,18 @@ class ShapeLibrary:
         hint = f"did you mean {listed(close)}?" if close else f"it holds {listed(self.ids)}"
         split = f" {self._split} of" if self._split else ""
         raise UnknownShapeError(f"no shape {id!r} in{split} library {self.name!r}: {hint}")
+
+
+class _Record(Struct, frozen=True, forbid_unknown_fields=True):
+    """A library as recorded: its identity, and the arguments that open it again."""
+
+    name: str
+    version: str
+    digest: str
+    source: str
+    seed: int = 0
+    split: Split | None = None
+    unreadable: dict[str, str] = {}
 
 
 def builtin_names() -> tuple[str, ...]:

@@ -51,8 +51,9 @@ def pack(
     ----------
     parts : sequence of Part, Path or str
         Parts, mesh files ("bracket.stl=4" is four of it), folders, patterns of paths and manifests.
-    box : str, BoxType, or sequence of float, str or BoxType
-        A box, such as "300x200x150mm", (300, 200, 150), or several sizes of boxes.
+    box : str, BoxType, container, or sequence of float, str, BoxType or container
+        A box, such as "300x200x150mm", (300, 200, 150), or another container, such as
+        "cylinder:220x300mm", "trunk.stl" or a `MeshContainer`; or several of them.
     objective : str
         "volume", "count" or "value": most of it; "height": all parts, lowest; "boxes": all parts,
         fewest boxes.
@@ -107,6 +108,7 @@ def pack(
     check_range("time", time, SECONDS)
     check_range("seed", as_integer("seed", seed), SEEDS)
     task = prepared_task(parts, box, objective, settings or PackSettings(), progress)
+    task.check_ways(instructions, film)
     end = start + time
     now = clock.perf_counter()
     if out is not None:

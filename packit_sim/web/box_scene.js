@@ -52,11 +52,15 @@ const BoxScene = (() => {
     sun.shadow.normalBias = 0.004;
     Object.assign(sun.shadow.camera, { left: -far, right: far, top: far, bottom: -far, near: 0.01, far: 5 * far });
     scene.add(sun, sun.target);
-    const edges = new THREE.LineSegments(new THREE.EdgesGeometry(new THREE.BoxGeometry(x, y, z)), new THREE.LineBasicMaterial());
-    edges.position.set(x / 2, y / 2, z / 2);
+    const lines = new THREE.BufferGeometry();
+    lines.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(box.outline), 3));
+    const isBox = box.outline.length === 0;
+    const edges = new THREE.LineSegments(isBox ? new THREE.EdgesGeometry(new THREE.BoxGeometry(x, y, z)) : lines, new THREE.LineBasicMaterial());
+    if (isBox) edges.position.set(x / 2, y / 2, z / 2);
     const floor = new THREE.Mesh(new THREE.PlaneGeometry(x, y), new THREE.MeshLambertMaterial());
     floor.position.set(x / 2, y / 2, -0.001);
     floor.receiveShadow = true;
+    floor.visible = isBox;
     scene.add(edges, floor);
     const items = box.items.map((item) => {
       const mesh = new THREE.Mesh(geometry(shapes[item.shape]), new THREE.MeshLambertMaterial({ side: 2, color: color(item) }));

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from packit_sim.core.assets import assets_folder
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.quantized import QuantizedMesh
@@ -76,6 +77,7 @@ class Models:
         placed: Sequence[ItemInBox],
         total: float,
         own_colors: Sequence[Color] | None = None,
+        outline: Floats | None = None,
     ) -> int:
         """Add a box.
 
@@ -89,6 +91,8 @@ class Models:
             Volume of all items of its task, in box units cubed.
         own_colors : sequence of Color, optional
             The colour "by item" of each item; by default that of its shape.
+        outline : ndarray of float64, shape (n, 2, 3), optional
+            The lines to draw instead of the box's edges and its floor.
 
         Returns
         -------
@@ -104,6 +108,7 @@ class Models:
         self._boxes.append(
             {
                 "size": [round(n * CELL, 6) for n in cells],
+                "outline": [] if outline is None else np.round(outline, 4).ravel().tolist(),
                 "items": [
                     {
                         "shape": self._number(one.item.shape),
@@ -128,7 +133,7 @@ class Models:
             vertices, base64 of (n, 3) uint16 on the lattice of that box; faces, base64 of (m, 3)
             uint32. A box: size (3,) in box units; items, each with the number of its shape, a name,
             a (3, 4) shape-to-box matrix by rows, its share of the reward, and a colour by each
-            rule.
+            rule; outline, six coordinates of each line that replaces its edges.
         """
         counts = [min(len(each.mesh.faces), MAX_TRIANGLES) for each in self._shapes]
         limit = triangle_limit(counts, ALL_TRIANGLES)

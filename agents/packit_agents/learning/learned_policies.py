@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +12,20 @@ from torch import Tensor, nn
 
 from packit_agents.heuristics.action_scores import ActionScores
 from packit_agents.learning.networks import AllPolicies
-from packit_agents.learning.weights import WeightsError, read_weights, weights_digest
+from packit_agents.learning.weights import (
+    SB3_FORMAT,
+    WeightsError,
+    network_of,
+    read_tensors,
+    weights_digest,
+)
 from packit_sim.core.files import digest_of
 from packit_sim.game.envs.observations import FeatureObserver, Observation, PlacementFeatureObserver
 from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.geometry.lattice import BOX_CELLS
+
+if TYPE_CHECKING:  # stable-baselines3 is loaded when a file needs it
+    from packit_agents.learning.sb3_weights import Sb3Network
 
 SHAPE_FIELDS = ("shapes", "box", "outside", "placement_features")
 """Observation fields of networks that choose shapes, if they are observed."""
@@ -32,7 +41,14 @@ class _Learned:
 
     def __init__(self, file: Path | str) -> None:
         self._file = Path(file)
-        self._network, self._placement_features, self.provenance = read_weights(self._file)
+        metadata, tensors = read_tensors(self._file)
+        self._sb3: Sb3Network | None = None
+        if metadata.get("format") == SB3_FORMAT:
+            self._begin_sb3(metadata, tensors)
+            return
+        self._network, self._placement_features, self.provenance = network_of(
+            self._file, metadata, tensors
+        )
         self.weights_digest = weights_digest(self._network)
         self.former_weights_digest = digest_of(self._file)[:16]
         if self.stage is not Stage.SHAPE and not isinstance(self._network, AllPolicies):
@@ -45,7 +61,7 @@ class _Learned:
 
     @classmethod
     def parse(cls, value: str) -> Self:
-        """Load the weights of a file that `packit train` wrote.
+        """Load the weights of a file that `packit train` or `write_policy` wrote.
 
         Parameters
         ----------
@@ -68,6 +84,10 @@ class _Learned:
         return int(self.scores(episode, rng).argmax())
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
+        if self._sb3 is not None:
+            valid = episode.action_mask()
+            logits = self._sb3.logits(episode)[:, : len(valid)]
+            return masked(logits, torch.as_tensor(valid)[None]).numpy().astype(np.float64)[0]
         cells = episode.box.cells
         if isinstance(self._network, AllPolicies) and cells != BOX_CELLS:
             raise WeightsError(f"{self._file} plays in boxes of {BOX_CELLS} cells, not {cells}")
@@ -80,6 +100,19 @@ class _Learned:
         names = [name for name in FIELDS if name in observation]
         batch = {name: np.asarray(observation[name])[None] for name in names}
         return log_probabilities(self._network, batch, valid[None])[0]
+
+    def _begin_sb3(self, metadata: dict[str, str], tensors: dict[str, Tensor]) -> None:
+        """Play with a policy of stable-baselines3."""
+        from packit_agents.learning.sb3_weights import read_policy
+
+        self._sb3 = read_policy(self._file, metadata, tensors)
+        record = self._sb3.record
+        if not self._sb3.plays(self.stage):
+            raise WeightsError(
+                f"{self._file} chooses {', '.join(record.plays)}, not {self.stage.name.lower()}s"
+            )
+        self.provenance = record.provenance
+        self.weights_digest = weights_digest(self._sb3.policy)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._file,)

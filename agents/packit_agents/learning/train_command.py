@@ -38,6 +38,10 @@ def train_command(
         int, typer.Option(min=0, help="Number of processes of a Ray cluster for the environments.")
     ] = 0,
     address: AddressOption = None,
+    logger: Annotated[
+        list[str] | None,
+        typer.Option(help="Logger of another package, by its name; may be repeated."),
+    ] = None,
 ) -> None:
     """Train a network to choose shapes; its best weights are best.safetensors in the folder.
 
@@ -53,7 +57,7 @@ def train_command(
     settings = read_settings(config, set or [])
     with (
         stoppable(RESUMABLE),
-        closing(Training(settings, out, device, ray_workers, address)) as training,
+        closing(Training(settings, out, device, ray_workers, address, logger or ())) as training,
     ):
         with terminal.progress_bars() as progress:
             bar = progress.add_task("training", total=settings.steps, note="")

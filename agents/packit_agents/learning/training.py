@@ -32,6 +32,7 @@ from packit_agents.learning.checkpoints import (
 from packit_agents.learning.dagger_dataset import DaggerDataset
 from packit_agents.learning.imitation import LABEL, ImitationPPO, LabellingEnv
 from packit_agents.learning.learned_policies import FIELDS, SHAPE_FIELDS, log_probabilities
+from packit_agents.learning.loggers import open_loggers, require_loggers
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.run_folder import RunFolder
@@ -94,6 +95,8 @@ class Training:
         weights do not depend on it.
     address : str, optional
         Address of the cluster's head.
+    loggers : sequence of str
+        Names of loggers, besides TensorBoard's (see `loggers`). The weights do not depend on them.
 
     Raises
     ------
@@ -115,7 +118,9 @@ class Training:
         device: str = "auto",
         workers: int = 0,
         address: str | None = None,
+        loggers: Sequence[str] = (),
     ) -> None:
+        require_loggers(loggers)
         self.settings = settings
         self.folder = folder
         library = ShapeLibrary.open(settings.library)
@@ -130,6 +135,8 @@ class Training:
         self._validation = tasks[: settings.validation_tasks]
         self._run = RunFolder(folder, self._provenance())
         self._device = on_device(device)
+        record = json.loads(json.dumps(asdict(settings)))
+        self._loggers = open_loggers(loggers, folder, record)
         maker = partial(
             _env, self._tasks, self._library, self._env_settings(), settings, self._fields
         )
@@ -188,13 +195,16 @@ class Training:
                 callback = _Callback(self, on_progress)
                 self._model.learn(left, callback, reset_num_timesteps=self.steps == 0)
                 self.checkpoint()
+                self._model.logger.dump(self.steps)
                 _log.info("%s: finished in %.1f s", self.folder, time.monotonic() - started)
             self._model.dataset.clear()
         on_progress(Progress(self.steps, self.reward, self.best))
 
     def close(self) -> None:
-        """Close the environments, and disconnect from the cluster."""
+        """Close the environments and the loggers, and disconnect from the cluster."""
         self._envs.close()
+        for logger in self._loggers:
+            logger.close()
 
     @property
     def is_over(self) -> bool:
@@ -263,7 +273,8 @@ class Training:
         )
         model.imitation = settings.imitation
         model.imitation_epochs = settings.imitation_epochs
-        model.set_logger(Logger(None, [TensorBoardOutputFormat(str(self._run.logs))]))
+        board = TensorBoardOutputFormat(str(self._run.logs))
+        model.set_logger(Logger(None, [board, *self._loggers]))
         return model
 
     def _validate(self) -> None:
@@ -273,6 +284,7 @@ class Training:
         before = self.best
         point = CurvePoint(self.steps, self.reward, Estimate.of([r.total for r in rollouts]))
         self.curve.append(point)
+        self._model.logger.record("validation/return", point.validation.mean)
         _log.info("step %d: validation reward %.3f", point.steps, point.validation.mean)
         if before is None or point.validation.mean > before.validation.mean:
             self._run.write_weights("best", self.policy, point)

@@ -22,6 +22,9 @@ from packit_sim.rules import Rules
 FORMAT = "packit-network"
 VERSION = 2
 
+SB3_FORMAT = "packit-sb3-policy"
+"""The format of policies of stable-baselines3 (see `sb3_weights`)."""
+
 _CONTRADICTIONS = (
     ArithmeticError,
     AttributeError,
@@ -109,6 +112,12 @@ def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
     WeightsError
         If the file holds no weights of these versions, or is damaged.
     """
+    metadata, tensors = read_tensors(path)
+    return network_of(path, metadata, tensors)
+
+
+def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, torch.Tensor]]:
+    """Read the metadata and the tensors of a file; errors are those of `read_weights`."""
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
@@ -117,6 +126,16 @@ def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
         raise WeightsError(f"there are no weights at {path}") from None
     except (SafetensorError, OSError) as error:
         raise WeightsError(f"{path} holds no weights, or is damaged: {error}") from None
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise WeightsError(f"{path}: tensor {name!r} holds numbers that are not finite")
+    return metadata, tensors
+
+
+def network_of(
+    path: Path, metadata: Mapping[str, str], tensors: Mapping[str, torch.Tensor]
+) -> tuple[nn.Module, int, dict[str, Any]]:
+    """Build the network of a file's metadata and tensors, as `read_weights` returns it."""
     if metadata.get("format") != FORMAT or metadata.get("version") not in ("1", str(VERSION)):
         raise WeightsError(
             f"{path} is of format {metadata.get('format')!r}, version {metadata.get('version')!r}: "
@@ -128,33 +147,32 @@ def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
         provenance = json.loads(metadata["provenance"])
         placement_features = int(metadata["placement_features"])
         settings = NetworkSettings(**json.loads(metadata["network"]))
-        _check_shapes(tensors, settings, placement_features)
+        blocks = settings.encoder_blocks + settings.trunk_blocks
+        if blocks > len(tensors):
+            raise ValueError(f"{blocks} blocks have more than {len(tensors)} tensors")
+        with torch.device("meta"):  # shapes without memory
+            expected = network(settings, placement_features).state_dict()
+        check_shapes(tensors, expected, ValueError)
         net = network(settings, placement_features)
         net.load_state_dict(tensors)
     except _CONTRADICTIONS as error:
         raise WeightsError(f"{path} contradicts its own metadata: {error}") from None
-    for name, tensor in tensors.items():
-        if not torch.isfinite(tensor).all():
-            raise WeightsError(f"{path}: tensor {name!r} holds numbers that are not finite")
     return net.eval().requires_grad_(False), placement_features, provenance
 
 
-def _check_shapes(
-    tensors: Mapping[str, torch.Tensor], settings: NetworkSettings, placement_features: int
+def check_shapes(
+    tensors: Mapping[str, torch.Tensor],
+    expected: Mapping[str, torch.Tensor],
+    error: type[Exception],
 ) -> None:
-    """Raise ValueError if a network of these settings has other tensors, without building it."""
-    blocks = settings.encoder_blocks + settings.trunk_blocks
-    if blocks > len(tensors):
-        raise ValueError(f"{blocks} blocks have more than {len(tensors)} tensors")
-    with torch.device("meta"):  # shapes without memory
-        expected = network(settings, placement_features).state_dict()
+    """Raise an error of the given type if tensors differ from the expected ones in a shape."""
     if expected.keys() != tensors.keys():
         name = min(expected.keys() ^ tensors.keys())
-        raise ValueError(f"tensor {name!r} is {'missing' if name in expected else 'unknown'}")
+        raise error(f"tensor {name!r} is {'missing' if name in expected else 'unknown'}")
     for name, tensor in tensors.items():
         if tensor.shape != expected[name].shape:
             shapes = tuple(tensor.shape), tuple(expected[name].shape)
-            raise ValueError(f"tensor {name!r} has the shape {shapes[0]}, not {shapes[1]}")
+            raise error(f"tensor {name!r} has the shape {shapes[0]}, not {shapes[1]}")
 
 
 def _from_version_1(metadata: Mapping[str, str]) -> dict[str, str]:

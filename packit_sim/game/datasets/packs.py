@@ -21,9 +21,16 @@ from packit_sim.core.version import __version__
 from packit_sim.game.datasets import format_1
 from packit_sim.game.datasets.provenance import UNKNOWN_PROVENANCE, Provenance, RotationIndex
 from packit_sim.geometry.items import BoxState, ItemInBox, PlacedItem, PosedItem
-from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
+from packit_sim.geometry.lattice import (
+    BOX_CELLS,
+    CELL,
+    CELLS_PER_UNIT,
+    MAX_CELLS,
+    Triple,
+    box_cells,
+)
 from packit_sim.geometry.motions import Motion, Quaternion
-from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import checked_location
 
@@ -397,6 +404,78 @@ class Task:
     items: tuple[Item, ...]
     pack: Pack
     solution: tuple[tuple[int, int, Triple], ...]
+
+    @classmethod
+    def of(
+        cls,
+        items: Sequence[Item],
+        cells: Sequence[int] = BOX_CELLS,
+        library: ShapeLibrary | None = None,
+    ) -> Task:
+        """Create a task of items, without a known solution.
+
+        Parameters
+        ----------
+        items : sequence of Item
+            One item or more, in any order; `Item.of_size` creates items of a given size. Their
+            rotations have no effect.
+        cells : sequence of int
+            Cells of the box along x, y and z: a cell is 1/100 of a box unit.
+        library : ShapeLibrary, optional
+            The library of the shapes, which results record. Without one, tasks can be played, but
+            results can't be verified or drawn from their file.
+
+        Returns
+        -------
+        Task
+            The task.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no item, one does not fit into the empty box in any rotation, a shape is not
+            that of the library, or two shapes have the same id.
+        UnknownShapeError
+            If the library does not have a shape.
+
+        Examples
+        --------
+        >>> from packit_sim import Item, ShapeLibrary, Task, evaluate
+        >>> library = ShapeLibrary.open("everyday")
+        >>> sizes = {"teapot": 22, "coffee-mug": 12, "basketball": 24}  # in cm
+        >>> items = [Item.of_size(library[id], size, unit=40) for id, size in sizes.items()]
+        >>> task = Task.of(items, (100, 80, 80), library)  # a box of 40 x 32 x 32 cm
+        >>> [round(float(item.extents.max()), 2) for item in task.items]
+        [0.6, 0.3, 0.55]
+        >>> round(evaluate(["largest-first/aligned/blbf"], [task], seed=0)[0].total, 3)
+        0.91
+        """
+        box = box_cells(cells)
+        ranked = sorted((one.turned(0) for one in items), key=lambda i: (i.shape.id, i.scale))
+        if not ranked:
+            raise ArgumentError("a task needs an item")
+        shapes: dict[str, Shape] = (
+            {} if library is None else {i.shape.id: library[i.shape.id] for i in ranked}
+        )
+        for item in ranked:
+            shape = shapes.setdefault(item.shape.id, item.shape)
+            if shape != item.shape:
+                other = "another one of the task" if library is None else repr(library)
+                raise ArgumentError(
+                    f"shape {shape.id!r} is not that of {other}: their meshes differ"
+                )
+            if any(np.sort(item.cells) > np.sort(box)):
+                raise ArgumentError(
+                    f"{shape.id!r} (scale {item.scale:g}) needs {item.cells} cells: it fits into "
+                    f"no box of {box}"
+                )
+        if library is None:
+            meshes = "".join(shape.digest for _, shape in sorted(shapes.items()))
+            reference = LibraryRef("none", "", hashlib.sha256(meshes.encode()).hexdigest())
+        else:
+            reference = LibraryRef.of(library)
+        outside = tuple(ItemRecord(item.shape.id, item.scale) for item in ranked)
+        return cls(tuple(ranked), Pack(reference, box, (), 0.0, outside=outside), ())
 
     @property
     def cells(self) -> Triple:

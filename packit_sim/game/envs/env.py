@@ -6,7 +6,7 @@ or the C-order index of a location. `action_mask` in the observation marks the v
 
 from __future__ import annotations
 
-import copy
+import inspect
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,24 +18,27 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from packit_sim.box import BaseBox
+from packit_sim.core.checks import check_keywords, one_of
 from packit_sim.core.counters import ComparisonCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.game.datasets.builtin import STARTER_PACKS
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.envs.observations import OBSERVERS, Observation
+from packit_sim.game.envs.pictures import Pictured
+from packit_sim.game.envs.specs import WritableSpec
 from packit_sim.game.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
 from packit_sim.game.episodes.episode import Episode, EpisodeState, Stage, ordered, stages
 from packit_sim.game.episodes.policies import Policy
 from packit_sim.game.episodes.policy_registry import load_policy
 from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import grid_nodes
+from packit_sim.geometry.lattice import Triple, grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.rules import PACKIT, Rules
+from packit_sim.rules import PACKIT, RULES, Rules
 
 if TYPE_CHECKING:  # loaded when needed: playing alone needs none of them
-    from packit_sim.scene import Look, Scene
-    from packit_sim.web.viewer import Viewer
+    from packit_sim.scene import Look
 
 MAX_SHAPES = 50
 """Maximum number of shapes of a task by default: the paper's pool."""
@@ -53,6 +56,8 @@ class EnvState:
         The number of the task, or the task itself if it was made on the fly.
     random : dict
         The state of the environment's random generator.
+    episodes : int
+        The number of episodes that were started, with this one.
     terminated : bool
         Whether a step has returned that the episode is over.
     policies : tuple of str
@@ -63,27 +68,31 @@ class EnvState:
     task: int | Task
     episode: EpisodeState
     random: dict[str, Any]
+    episodes: int
     terminated: bool
     policies: tuple[str, ...]
 
 
-class PackItEnv(gym.Env[Observation, np.int64]):
+class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
     """Pack the shapes of a task into its box, one choice a step.
 
     Parameters
     ----------
     tasks : str, Path, sequence of Task, or callable
         The name or path of a dataset (see `dataset_file`); tasks; a function that makes one with a
-        random generator; or "fresh": made on the fly (see `TaskSampler`).
-    library : str, Path or ShapeLibrary, optional
-        Name, path or open library of the shapes. By default the one that a dataset records, or
-        "everyday" for fresh tasks.
+        random generator, and with the number of this environment's episode, from 0, if it has a
+        parameter `episode`; or "fresh": made on the fly (see `TaskSampler`).
+    library : str, Path, mapping or ShapeLibrary, optional
+        Name, path, record (see `ShapeLibrary.to_json`) or open library of the shapes. By default
+        the one that a dataset records, or "everyday" for fresh tasks.
     split : str, optional
         Split of the dataset, or of the library for fresh tasks.
-    order : str
-        "random" draws a task at each reset, "cycle" takes them in turn, independent of the seed.
-    rules : Rules
-        The rules to play by; by default those of the paper.
+    order : str, sequence of float, or callable
+        "random" draws a task at each reset, "cycle" takes them in turn, independent of the seed. A
+        weight for each task draws in proportion. A function, which is called like one that makes
+        tasks, returns the number of the next task: a curriculum.
+    rules : Rules or mapping
+        The rules to play by, or the same in JSON's types; by default those of the paper.
     shape : Policy or str, optional
         A policy for shapes or its name, if shapes are not the agent's choice: then they are not a
         step, and the action space has only the actions of the other sub-tasks.
@@ -110,19 +119,26 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         The rules that are played.
     cells : tuple of int
         Cells of the box along x, y and z.
+    plays : tuple of Stage
+        The sub-tasks in which the agent chooses.
+    observer : Observer
+        The object that observes episodes.
 
     Raises
     ------
     ArgumentError
         If a setting is out of range or the tasks do not go together.
+    TypeError
+        If there is no setting of such a name.
 
     Notes
     -----
     The reward is the placed volume over the volume of the task's items; with physics it is the
     change of the volume that is inside and stable, which may be negative, and "density" and
     "placed_volume" are about that volume. `info` has "task" (its number, -1 for one made on the
-    fly), "action_mask", "density" of the box, "placed_volume", "mesh_comparisons" that this
-    environment made since its last reset, and, when the episode is over, "end": why.
+    fly), "action_mask" (int8, as `action_space.sample` takes it), "density" of the box,
+    "placed_volume", "mesh_comparisons" that this environment made since its last reset, and "end":
+    why the episode is over, "" before that.
 
     Examples
     --------
@@ -139,17 +155,16 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     (0.534, 'no room')
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # noqa: RUF012
     action_space: spaces.Discrete
 
     def __init__(
         self,
         tasks: str | Path | Sequence[Task] | TaskMaker = STARTER_PACKS,
-        library: str | Path | ShapeLibrary | None = None,
+        library: str | Path | Mapping[str, Any] | ShapeLibrary | None = None,
         *,
         split: str | None = None,
         order: Order = "random",
-        rules: Rules = PACKIT,
+        rules: Rules | Mapping[str, Any] = PACKIT,
         shape: Policy | str | None = None,
         rotation: Policy | str | None = None,
         location: Policy | str | None = None,
@@ -159,14 +174,13 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         look: Look | None = None,
         **changes: Any,
     ) -> None:
-        _one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
-        _one_of("order", order, ("random", "cycle"))
-        _one_of("observation", observation, tuple(OBSERVERS))
+        check_keywords("PackItEnv.__init__", changes, _SETTINGS)
+        Pictured.__init__(self, render_mode, look)
+        one_of("observation", observation, tuple(OBSERVERS))
+        rules = Rules.from_json(rules) if isinstance(rules, Mapping) else rules
         self.rules = rules.changed(**changes)
         self._source = TaskSource(tasks, library, split, order, self.rules.cells)
         self.cells = self.rules.cells or self._source.cells
-        self.render_mode = render_mode
-        self.look = look
         self._max_shapes = max_shapes
         self._fixed = {
             stage: load_policy(stage, policy) if isinstance(policy, str) else policy
@@ -174,25 +188,24 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         }
         self._policies = tuple(map(_description, self._fixed.values()))
         sizes = (max_shapes, rotations.COUNT, math.prod(grid_nodes(self.cells)))
-        free = [stage for stage in Stage if not self._fixed[stage]]
-        if not free:
+        self.plays = tuple(stage for stage in Stage if not self._fixed[stage])
+        if not self.plays:
             raise ArgumentError("shape, rotation and location all have policies: no step is left")
         for task in self.tasks:
             self._check(task)
         in_turn = stages(self.rules)
-        last = max(in_turn.index(stage) for stage in free)
-        actions = max(sizes[stage] for stage in free)
-        self._observer = OBSERVERS[observation](
+        last = max(in_turn.index(stage) for stage in self.plays)
+        actions = max(sizes[stage] for stage in self.plays)
+        self.observer = OBSERVERS[observation](
             self.cells, max_shapes, actions, in_turn[1 : last + 1]
         )
         self.action_space = spaces.Discrete(actions)
-        self.observation_space = self._observer.space
+        self.observation_space = self.observer.space
         self._episode: Episode | None = None
         self._number = GENERATED
+        self._episodes = 0
         self._terminated = False
         self._comparisons = ComparisonCounter()
-        self._scene: Scene | None = None
-        self._viewer: Viewer | None = None
 
     @property
     def tasks(self) -> tuple[Task, ...]:
@@ -210,6 +223,10 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         if self._episode is None:
             raise StateError("there is no episode yet: call reset() first")
         return self._episode
+
+    @property
+    def _box(self) -> BaseBox[Any]:
+        return self.episode.box
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -240,11 +257,13 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         With a fixed shape policy the episode may be over before the first choice: then no action is
         valid, and the first step returns that it is terminated.
         """
-        wanted = _wanted_task(options)
+        wanted = wanted_task(options)
         named = None if wanted is None else self._named_task(wanted)
         super().reset(seed=seed)
-        task, self._number = named or self._source.draw(self._number, self.np_random)
+        task, number = named or self._source.draw(self._number, self._episodes, self.np_random)
         self._check(task)
+        self._number = number
+        self._episodes += 1
         self._episode = Episode(task, self.rules)
         self._terminated = False
         self._comparisons = ComparisonCounter()
@@ -304,7 +323,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         """Save the state of the environment, for `set_state`: cheap, exact, and picklable."""
         task = self._number if self._number != GENERATED else self.episode.task
         random = dict(self.np_random.bit_generator.state)
-        return EnvState(task, self.episode.state(), random, self._terminated, self._policies)
+        facts = self._episodes, self._terminated, self._policies
+        return EnvState(task, self.episode.state(), random, *facts)
 
     def set_state(self, state: EnvState) -> tuple[Observation, dict[str, Any]]:
         """Return to a state of an environment with the same settings.
@@ -341,50 +361,10 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             episode = Episode(task, self.rules)
         episode.restore(state.episode)
         self._episode, self._number = episode, number
-        self._terminated = state.terminated
+        self._episodes, self._terminated = state.episodes, state.terminated
         self.np_random.bit_generator.state = state.random
         with counted_by(self._comparisons):
             return self._observe()
-
-    def render(self) -> npt.NDArray[np.uint8] | None:
-        """Draw the box: uint8 (512, 512, 3) if the render mode is "rgb_array", else None."""
-        if self.render_mode != "rgb_array":
-            return None
-        box = self.episode.box
-        if self._scene is None:
-            from packit_sim.scene import Scene
-
-            self._scene = Scene(box)
-        self._scene.update(box)
-        return self._scene.snapshot(look=self.look).image
-
-    def close(self) -> None:
-        """Close the scene and the page, if there are any."""
-        if self._scene is not None:
-            self._scene.close()
-            self._scene = None
-        if self._viewer is not None:
-            self._viewer.close()
-            self._viewer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy gets: all but the scene and the page, which it opens for itself."""
-        return vars(self) | {"_scene": None, "_viewer": None}
-
-    def __copy__(self) -> PackItEnv:
-        """Copy it with its episode: two environments can't play one."""
-        return copy.deepcopy(self)
-
-    def _show(self) -> None:
-        """Bring the page up to date if the render mode is "human"."""
-        if self.render_mode != "human":
-            return
-        if self._viewer is None:
-            from packit_sim.web.viewer import Viewer
-
-            self._viewer = Viewer(self.episode.box)
-            _log.warning("the box is shown at %s", self._viewer.address)
-        self._viewer.update(self.episode.box)
 
     def _play_fixed(self) -> float:
         """Play the sub-tasks that have a policy, up to the next that has none."""
@@ -400,17 +380,16 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         """Return the observation and `info` of the episode's state."""
         episode = self.episode
         action_mask = self.action_masks()
-        observation = self._observer.observe(episode, action_mask)
+        observation = self.observer.observe(episode, action_mask)
         density = episode.box.density
-        info: dict[str, Any] = {
+        info = {
             "task": self._number,
-            "action_mask": action_mask,
+            "action_mask": action_mask.astype(np.int8),
             "density": density,
             "placed_volume": density * episode.box.volume,
             "mesh_comparisons": self._comparisons.mesh_comparisons,
+            "end": str(episode.end or ""),
         }
-        if episode.end is not None:
-            info["end"] = str(episode.end)
         return observation, info
 
     def _named_task(self, wanted: Task | int) -> tuple[Task, int]:
@@ -425,19 +404,25 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             raise ArgumentError(
                 f"a task's box has {task.cells} cells, not {self.cells}: give `cells` to say which"
             )
-        if len(task.items) > self._max_shapes:
+        check_task(task, self.cells, self._max_shapes)
+
+
+def check_task(task: Task, cells: Triple, max_shapes: int) -> None:
+    """Raise ArgumentError if a task has too many items, or one that no box of the cells holds."""
+    if len(task.items) > max_shapes:
+        raise ArgumentError(f"a task has {len(task.items)} items: max_shapes is only {max_shapes}")
+    for item in task.items:
+        if max(item.cells) > max(cells):
             raise ArgumentError(
-                f"a task has {len(task.items)} items: max_shapes is only {self._max_shapes}"
+                f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
+                f"it fits into no box of {cells}"
             )
-        for item in task.items:
-            if max(item.cells) > max(self.cells):
-                raise ArgumentError(
-                    f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
-                    f"it fits into no box of {self.cells}"
-                )
 
 
-def _wanted_task(options: object) -> Any:
+_SETTINGS = (*[n for n in inspect.signature(PackItEnv).parameters if n != "changes"], *RULES)
+
+
+def wanted_task(options: object) -> Any:
     """Return the option "task" of `reset`, None if it is not given."""
     if options is None:
         return None
@@ -456,9 +441,3 @@ def _description(policy: Policy | None) -> str:
     kind = policy if hasattr(policy, "__qualname__") else type(policy)
     weights = getattr(policy, "weights_digest", None)
     return kind.__qualname__ + (f" with the weights {weights}" if weights else "")
-
-
-def _one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:
-    if value not in valid:
-        choices = ", ".join(map(repr, valid))
-        raise ArgumentError(f"{setting} {value!r} is not known: choose from {choices}")

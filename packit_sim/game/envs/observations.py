@@ -49,6 +49,8 @@ class Observer:
     ----------
     space : spaces.Dict
         The observation space.
+    cells, max_shapes, stages : Triple, int, Sequence[Stage]
+        The arguments.
 
     Notes
     -----
@@ -71,9 +73,9 @@ class Observer:
     def __init__(
         self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
     ) -> None:
-        self._cells = cells
-        self._max_shapes = max_shapes
-        self._stages = stages
+        self.cells = cells
+        self.max_shapes = max_shapes
+        self.stages = stages
         self._volumes = np.zeros(max_shapes)
         self._episode: Episode | None = None
         self.space = spaces.Dict(
@@ -102,22 +104,22 @@ class Observer:
         """
         if episode is not self._episode:
             self._episode = episode
-            self._volumes = np.zeros(self._max_shapes)
+            self._volumes = np.zeros(self.max_shapes)
             self._volumes[: len(episode.task.items)] = [i.volume for i in episode.task.items]
             self._begin(episode)
-        outside = np.zeros(self._max_shapes, dtype=bool)
+        outside = np.zeros(self.max_shapes, dtype=bool)
         outside[: len(episode.outside)] = episode.visible
         return {
             "stage": int(episode.stage),
-            "chosen": self._max_shapes if episode.shape is None else episode.shape,
+            "chosen": self.max_shapes if episode.shape is None else episode.shape,
             "outside": outside,
             "volumes": _arrived(episode, self._volumes),
             "action_mask": action_mask.astype(np.int8),
-            **{_FIELDS[stage]: self._possible(episode, stage) for stage in self._stages},
+            **{_FIELDS[stage]: self._possible(episode, stage) for stage in self.stages},
         }
 
     def _choices(self, stage: Stage) -> tuple[int, ...]:
-        return (rotations.COUNT,) if stage is Stage.ROTATION else grid_nodes(self._cells)
+        return (rotations.COUNT,) if stage is Stage.ROTATION else grid_nodes(self.cells)
 
     def _possible(self, episode: Episode, stage: Stage) -> npt.NDArray[np.bool_]:
         """Mark the valid choices if a stage is the current one, else the choice that was made."""
@@ -184,7 +186,7 @@ class VoxelObserver(Observer):
         return {**base, "box": episode.box.outer, "shapes": shapes, "item": item}
 
     def _begin(self, episode: Episode) -> None:
-        shapes = np.zeros((self._max_shapes, *self._item_shape), dtype=bool)
+        shapes = np.zeros((self.max_shapes, *self._item_shape), dtype=bool)
         for n, item in enumerate(episode.task.items):
             shapes[n] = centred(item.outer, self._item_shape)
         self._shapes = [shapes, shapes.copy()]
@@ -287,7 +289,7 @@ class PlacementFeatureObserver(FeatureObserver):
 
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
         base = super().observe(episode, action_mask)
-        features = np.zeros((self._max_shapes, PLACEMENT_FEATURES), dtype=np.float32)
+        features = np.zeros((self.max_shapes, PLACEMENT_FEATURES), dtype=np.float32)
         for n in np.flatnonzero(episode.visible).tolist():
             item, found = episode.task.items[n], episode.heuristic_placement(n)
             turned = found.item if found else episode.rules.by_alignment(item)[0]
@@ -338,7 +340,7 @@ class HeightmapObserver(Observer):
         item = np.zeros(self._shapes.shape[1:], dtype=np.float32)
         if episode.chosen_item is not None and episode.rotation is not None:
             _write_heights(item, episode.chosen_item.item.outer)
-        heights = np.zeros((2, *self._cells[:2]), dtype=np.float32)
+        heights = np.zeros((2, *self.cells[:2]), dtype=np.float32)
         _write_heights(heights, episode.box.outer)
         return {
             **base,

@@ -195,7 +195,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         played.terminations.append(terminated)
         played.truncations.append(truncated)
         if terminated or truncated:
-            played.end = info.get("end", CUT_SHORT)
+            played.end = info["end"] or CUT_SHORT
             self._finish()
         return observation, float(reward), terminated, truncated, info
 

@@ -23,6 +23,9 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
 }
 """The default settings of each id, to which `gymnasium.make` adds its own."""
 
+CONTINUOUS = "PackItContinuous-v0"
+"""The id of the environment off the grid."""
+
 _REGISTRY = "gymnasium.envs.registration"
 
 
@@ -45,6 +48,8 @@ def _register() -> None:
                 vector_entry_point="packit_sim.game.envs.vector:PackItVectorEnv",
                 kwargs=settings,
             )
+    if CONTINUOUS not in registry:
+        register(CONTINUOUS, "packit_sim.game.envs.continuous:PackItContinuousEnv")
 
 
 class _Finder:

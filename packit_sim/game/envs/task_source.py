@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.core.checks import as_integer
 from packit_sim.core.errors import ArgumentError
@@ -21,12 +23,18 @@ from packit_sim.libraries.library import ShapeLibrary
 FRESH = "fresh"
 """The name of tasks that are generated on the fly."""
 
+T = TypeVar("T")
+
 GENERATED = -1
 """The number of a task that does not belong to the source."""
 
-TaskMaker = Callable[[np.random.Generator], Task]
+TaskMaker = Callable[..., Task]
+"""A function that makes a task with a random generator. If it has a parameter `episode`, it also
+gets the number of the environment's episode, from 0."""
 
-Order = Literal["random", "cycle"]
+Order = Literal["random", "cycle"] | Sequence[float] | Callable[..., int]
+"""What is next: a task at random, the one after the last, one drawn by these weights, or the one
+whose number the function returns, which is called like a `TaskMaker`."""
 
 
 class TaskSource:
@@ -36,12 +44,12 @@ class TaskSource:
     ----------
     tasks : str, Path, sequence of Task, or callable
         The same argument as for `PackItEnv`.
-    library : str, Path or ShapeLibrary, optional
+    library : str, Path, mapping or ShapeLibrary, optional
         The same argument as for `PackItEnv`.
     split : str, optional
         Split of the dataset, or of the library for fresh tasks.
-    order : {"random", "cycle"}
-        Whether the next task is drawn, or the one after the last.
+    order : str, sequence of float, or callable
+        The same argument as for `PackItEnv`.
     cells : tuple of int, optional
         Cells of the box of fresh tasks.
 
@@ -55,13 +63,13 @@ class TaskSource:
     Raises
     ------
     ArgumentError
-        If there are no tasks, or a split does not apply.
+        If there are no tasks, or a split or an order does not apply.
     """
 
     def __init__(
         self,
         tasks: str | Path | Sequence[Task] | TaskMaker,
-        library: str | Path | ShapeLibrary | None,
+        library: str | Path | Mapping[str, Any] | ShapeLibrary | None,
         split: str | None,
         order: Order,
         cells: Triple | None,
@@ -72,6 +80,8 @@ class TaskSource:
         if isinstance(tasks, str | Path):
             if isinstance(library, str | Path):
                 library = ShapeLibrary.open(library)
+            elif isinstance(library, Mapping):
+                library = ShapeLibrary.from_json(library)
             if tasks != FRESH:
                 self.tasks = load_tasks(tasks, library, split)
             else:
@@ -86,6 +96,7 @@ class TaskSource:
             raise ArgumentError("an environment needs a task, or a function that makes them")
         else:
             self.tasks = tuple(tasks)
+        self._weights = self._checked_weights()
 
     @property
     def cells(self) -> Triple:
@@ -133,13 +144,15 @@ class TaskSource:
             raise ArgumentError(f"there is no task {number}: {hint}")
         return self.tasks[number], number
 
-    def draw(self, last: int, rng: np.random.Generator) -> tuple[Task, int]:
+    def draw(self, last: int, episode: int, rng: np.random.Generator) -> tuple[Task, int]:
         """Choose the task of the next episode.
 
         Parameters
         ----------
         last : int
             The number of the last task.
+        episode : int
+            The number of the next episode.
 
         Returns
         -------
@@ -149,9 +162,42 @@ class TaskSource:
             Its number, or `GENERATED`.
         """
         if self.maker is not None:
-            return self.maker(rng), GENERATED
-        if self._order == "cycle":
+            return _call(self.maker, rng, episode), GENERATED
+        if callable(self._order):
+            return self.named(_call(self._order, rng, episode))
+        if self._weights is not None:
+            number = int(rng.choice(len(self.tasks), p=self._weights))
+        elif self._order == "cycle":
             number = (last + 1) % len(self.tasks)
         else:
             number = int(rng.integers(len(self.tasks)))
         return self.tasks[number], number
+
+    def _checked_weights(self) -> npt.NDArray[np.float64] | None:
+        """Return the probability of each task if the order is one of weights, or None."""
+        is_name = isinstance(self._order, str)
+        if self.maker is not None and not (is_name and self._order == "random"):
+            raise ArgumentError(
+                f"order {self._order!r:.80} has no effect on tasks that are generated: leave it out"
+            )
+        if callable(self._order) or (is_name and self._order in ("random", "cycle")):
+            return None
+        try:
+            weights = np.array(self._order, dtype=np.float64)
+            total = weights.sum()
+            is_one_each = weights.shape == (len(self.tasks),)
+            if not (is_one_each and (weights >= 0).all() and 0 < total < np.inf):
+                raise ValueError
+        except (TypeError, ValueError):
+            raise ArgumentError(
+                f"order {self._order!r:.80} is not possible: choose random, cycle, a function, or "
+                f"a weight for each of the {len(self.tasks)} tasks: 0 or more, and not all 0"
+            ) from None
+        return weights / total
+
+
+def _call(function: Callable[..., T], rng: np.random.Generator, episode: int) -> T:
+    """Call a function with a generator, and with the episode's number if it asks for it."""
+    if "episode" in inspect.signature(function).parameters:
+        return function(rng, episode=episode)
+    return function(rng)

@@ -1,17 +1,28 @@
-"""Several environments in one process, for evaluation and training in batches."""
+"""Several environments as one, for evaluation and training in batches."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+import gymnasium as gym
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 
+from packit_sim.core.checks import one_of
+from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.specs import WritableSpec
+
+MemberSettings: TypeAlias = Sequence[Mapping[str, Any]]
+"""Settings for each environment of a vector, in addition to those of all."""
+
+_SOURCE = {"tasks", "library", "split"}
+"""Settings that say which tasks are opened."""
 
 
-class PackItVectorEnv(SyncVectorEnv):
+class PackItVectorEnv(WritableSpec, SyncVectorEnv):
     """Environments that share one library, its tasks and the engine's caches.
 
     `gymnasium.make_vec("PackIt-v0", n)` creates one. Opening n environments costs as much as
@@ -25,6 +36,8 @@ class PackItVectorEnv(SyncVectorEnv):
         The time at which environments are reset, see Gymnasium's `SyncVectorEnv`.
     copy : bool
         Whether each observation has new arrays; otherwise the next one overwrites them.
+    member_settings : sequence of mapping, optional
+        Settings for each environment, such as different tasks, in addition to those of all.
     **settings : Any
         Settings of `PackItEnv`, the same for all.
 
@@ -32,6 +45,11 @@ class PackItVectorEnv(SyncVectorEnv):
     ----------
     members : tuple[PackItEnv, ...]
         The environments.
+
+    Raises
+    ------
+    ArgumentError
+        If there are not as many settings as environments.
 
     Examples
     --------
@@ -53,11 +71,16 @@ class PackItVectorEnv(SyncVectorEnv):
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
+        member_settings: MemberSettings | None = None,
         **settings: Any,
     ) -> None:
-        first = PackItEnv(**settings)
-        shared = settings | {"tasks": first.maker or first.tasks, "split": None}
-        self.members = (first, *(PackItEnv(**shared) for _ in range(num_envs - 1)))
+        first, *others = _each(num_envs, settings, member_settings)
+        members = [PackItEnv(**first)]
+        opened = {"tasks": members[0].maker or members[0].tasks, "split": None}
+        for own in others:
+            is_same = all(own.get(name) is first.get(name) for name in _SOURCE)
+            members.append(PackItEnv(**(own | opened if is_same else own)))
+        self.members = tuple(members)
         super().__init__(
             [partial(_same, env) for env in self.members],
             copy=copy,
@@ -66,8 +89,122 @@ class PackItVectorEnv(SyncVectorEnv):
 
     @property
     def tasks(self) -> tuple[Task, ...]:
-        """The tasks of each environment; empty if they are generated on the fly."""
+        """The tasks of each environment; empty if they are generated on the fly.
+
+        Raises
+        ------
+        ArgumentError
+            If the environments have different tasks.
+        """
+        if any(env.tasks != self.members[0].tasks for env in self.members):
+            raise ArgumentError("the environments have different tasks: use those of `members`")
         return self.members[0].tasks
+
+
+def make_vec(
+    name: str,
+    num_envs: int = 1,
+    vectorization_mode: Literal["vector_entry_point", "sync", "async"] = "vector_entry_point",
+    *,
+    autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+    wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = (),
+    member_settings: MemberSettings | None = None,
+    **settings: Any,
+) -> VectorEnv[Any, Any, Any]:
+    """Create environments as `gymnasium.make_vec` does, with one way to say when they are reset.
+
+    Gymnasium's function takes `autoreset_mode` for a `PackItVectorEnv`, and for its own classes
+    `vector_kwargs={"autoreset_mode": ...}`.
+
+    Parameters
+    ----------
+    name : str
+        The id, such as "PackIt-v0".
+    num_envs : int
+        The number of environments.
+    vectorization_mode : str
+        "vector_entry_point" for a `PackItVectorEnv`, "sync" for Gymnasium's `SyncVectorEnv`,
+        "async" for its `AsyncVectorEnv`: each environment in its own process.
+    autoreset_mode : str or AutoresetMode
+        "NextStep": the step after the last of an episode resets, and its action is ignored;
+        "SameStep": the last step resets, and `infos` has "final_obs" and "final_info"; "Disabled":
+        `reset(options={"reset_mask": mask})` resets.
+    wrappers : sequence of callable
+        Wrappers of each environment, the innermost first; for "sync" and "async".
+    member_settings : sequence of mapping, optional
+        Settings for each environment, such as different tasks, in addition to those of all.
+    **settings : Any
+        Settings of `PackItEnv`, the same for all.
+
+    Returns
+    -------
+    VectorEnv
+        The environments.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is not possible.
+
+    Examples
+    --------
+    >>> from packit_sim import load_tasks, make_vec
+    >>> tasks = load_tasks("starter")
+    >>> settings = {"observation": "none", "rotation": "aligned", "location": "blbf"}
+    >>> easy_and_hard = [{"tasks": tasks[:5]}, {"tasks": tasks[5:]}]
+    >>> envs = make_vec(
+    ...     "PackIt-v0", 2, autoreset_mode="SameStep", member_settings=easy_and_hard, **settings
+    ... )
+    >>> envs.reset(seed=0)[0]["action_mask"].sum(axis=1).tolist()
+    [29, 25]
+    >>> envs.metadata["autoreset_mode"].value
+    'SameStep'
+    """
+    resets = tuple(mode.value for mode in AutoresetMode)
+    if isinstance(autoreset_mode, AutoresetMode):
+        autoreset_mode = autoreset_mode.value
+    one_of("vectorization_mode", vectorization_mode, ("vector_entry_point", "sync", "async"))
+    one_of("autoreset_mode", autoreset_mode, resets)
+    if vectorization_mode == "vector_entry_point":
+        if wrappers:
+            raise ArgumentError(
+                "a PackItVectorEnv has no wrappers of single environments: choose the "
+                "vectorization_mode sync or async"
+            )
+        return gym.make_vec(
+            name,
+            num_envs,
+            vectorization_mode,
+            autoreset_mode=autoreset_mode,
+            member_settings=member_settings,
+            **settings,
+        )
+    makers = [
+        partial(_wrapped, name, tuple(wrappers), own)
+        for own in _each(num_envs, settings, member_settings)
+    ]
+    kind = SyncVectorEnv if vectorization_mode == "sync" else AsyncVectorEnv
+    return kind(makers, autoreset_mode=autoreset_mode)
+
+
+def _each(
+    num_envs: int, settings: Mapping[str, Any], member_settings: MemberSettings | None
+) -> list[dict[str, Any]]:
+    """Return all settings of each environment."""
+    if member_settings is None:
+        return [dict(settings) for _ in range(num_envs)]
+    if len(member_settings) != num_envs:
+        raise ArgumentError(
+            f"member_settings are {len(member_settings)}: give those of {num_envs} environments"
+        )
+    return [{**settings, **own} for own in member_settings]
+
+
+def _wrapped(name: str, wrappers: Sequence[Callable[..., Any]], settings: dict[str, Any]) -> Any:
+    env = gym.make(name, **settings)
+    for wrapper in wrappers:
+        env = wrapper(env)
+    return env
 
 
 def _same(env: PackItEnv) -> PackItEnv:

@@ -27,13 +27,24 @@ class TaskSampler:
         The library of shapes, or one of its splits.
     settings : EvolutionSettings
         The settings; only pool, scales, size_range and cells have an effect.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from packit_sim import EvolutionSettings, PackItEnv, ShapeLibrary, TaskSampler
+    >>> train = ShapeLibrary.open("everyday").split("train")
+    >>> sampler = TaskSampler(train, EvolutionSettings(pool=10, cells=(60, 60, 60)))
+    >>> task = sampler(np.random.default_rng(0))
+    >>> task.cells, len(task.solution) == len(task.items)
+    ((60, 60, 60), True)
+    >>> env = PackItEnv(sampler, cells=(60, 60, 60))  # another task at each reset
     """
 
     library: ShapeLibrary
     settings: EvolutionSettings = field(default_factory=EvolutionSettings)
 
     def __call__(self, rng: np.random.Generator) -> Task:
-        """Generate a task with at least one item."""
+        """Generate a task with at least one item, and its solution."""
         while True:
             recipe = Recipe.drawn(self.library, self.settings, rng)
             box = recipe.creator().pack(Chromosome.random(self.settings, rng))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 
 from packit_sim.core.choices import Goal
@@ -18,6 +18,7 @@ from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, 
 from packit_sim.parts.packings.rotation_sets import FIXED
 from packit_sim.parts.reading.boxes import Boxes, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts
+from packit_sim.parts.reading.mesh_boxes import with_meshes
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import (
     PreparedPart,
@@ -54,7 +55,7 @@ def prepared_task(
     ----------
     parts : sequence of Part, Path or str
         Parts, mesh files, folders, patterns of paths and manifests.
-    box : str, BoxType, or sequence of float, str or BoxType
+    box : str, BoxType, container, or sequence of float, str, BoxType or container
         A box, or several.
     objective : str
         One of `GOALS`.
@@ -74,14 +75,16 @@ def prepared_task(
     unit: Unit = settings.unit or box_unit(box) or "mm"
     accuracy = None if settings.accuracy is None else settings.accuracy * factor(unit, "mm")
     settings = replace(settings, unit=unit, reading=replace(settings.reading, accuracy=accuracy))
-    boxes = box_types(box, unit, settings.boxes or (None if objective == "boxes" else 1))
+    count = settings.boxes or (None if objective == "boxes" else 1)
+    box, outlines = with_meshes(box, unit, settings.reading, count)
+    boxes = box_types(box, unit, count)
     check_objective(objective, boxes)
     check_margin(settings.wall_clearance, boxes, unit)
     progress("reading", 0, 0)
     reading = find_parts(parts, settings.reading)
     _check_triangles(reading.parts)
     prepared, unread = [], list(reading.unread)
-    ready = count(1)
+    ready = itertools.count(1)
 
     def one(part: Part) -> PreparedPart | UnreadFile:
         try:
@@ -107,6 +110,7 @@ def prepared_task(
         _in_place("fixed", settings.fixed, settings, unit),
         tuple(unread),
         inputs=reading.inputs,
+        outlines=outlines,
     )
     task = _without_tiny(task)
     _require_fit(task)

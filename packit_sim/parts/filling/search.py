@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.candidates import candidate
@@ -72,6 +71,7 @@ class PackingSearch:
         self._end = end
         self._seed = seed
         self._callback = callback
+        self._known_bodies: dict[BoxType, tuple[ItemType, ...]] = {}
         self._stopped = first.task.settings.stop or threading.Event()
 
     def run(self) -> PackedParts:
@@ -119,7 +119,7 @@ class PackingSearch:
         found: list[Packing] = []
         for box in self._boxes_by_size:
             stock = math.inf if box.count is None else box.count
-            while left and stock > 0 and not task.obstacles:
+            while left and stock > 0 and not self._bodies(box):
                 placements = shelved(task, left, box.size)
                 packing = Packing(task.types, task.container(box), placements, task.gap, "knapsack")
                 if not placements or packing.problems():
@@ -149,7 +149,8 @@ class PackingSearch:
 
     def _nest_all(self, counts: Mapping[int, int]) -> None:
         objective, first = self._task.objective, self._task.boxes[0]
-        may_be_together = objective == "boxes" and not self._task.obstacles
+        is_plain = not any(self._bodies(box) for box in self._task.boxes)
+        may_be_together = objective == "boxes" and is_plain
         if may_be_together and self._can_all_fit(counts):
             self._fill_together(counts)
         else:
@@ -331,24 +332,28 @@ class PackingSearch:
     def _inner(self, box: BoxType) -> BoxContainer:
         margin = self._task.search_margin
         x, y, z = (side - 2 * margin for side in box.size)
-        return BoxContainer((x, y, z), self._obstacles, box.name)
+        return BoxContainer((x, y, z), self._bodies(box), box.name)
 
-    @cached_property
-    def _obstacles(self) -> tuple[ItemType, ...]:
-        """The obstacles of the task, in the coordinates of the inner container."""
-        own = (each.item_type for each in self._task.obstacles)
-        return tuple(
-            replace(
-                each, vertices=each.vertices - self._task.search_margin, known_volume=each.volume
+    def _bodies(self, box: BoxType) -> tuple[ItemType, ...]:
+        """Return what is in a box and around it, in the coordinates of the inner container.
+
+        A container that is no box is searched as its bounding box, and what is around it there as
+        bodies that do not move.
+        """
+        if box not in self._known_bodies:
+            task, margin = self._task, self._task.search_margin
+            walls = box.container.walls(margin, task.gap)
+            self._known_bodies[box] = tuple(
+                replace(each, vertices=each.vertices - margin, known_volume=each.volume)
+                for each in (*(one.item_type for one in task.obstacles), *walls)
             )
-            for each in own
-        )
+        return self._known_bodies[box]
 
     def _fits(self, number: int, box: BoxType | None = None, margin: float | None = None) -> bool:
-        own = self._task.parts[number].sides
+        part = self._task.parts[number]
         margin = self._task.margin if margin is None else margin
         boxes = self._task.boxes if box is None else (box,)
-        return any(fits(own, each.size, margin) for each in boxes)
+        return any(fits(part, each, margin) for each in boxes)
 
     def _can_all_fit(self, counts: Mapping[int, int]) -> bool:
         """Return whether all parts probably fit the available boxes, filled together."""
@@ -372,7 +377,8 @@ class PackingSearch:
     def _seconds(self, counts: Mapping[int, int], box: BoxType, more: float) -> float:
         """Return the time for a box: that of all boxes that may follow is the same."""
         volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
-        needed = math.ceil(volume / (_FULL * self._inner(box).volume))
+        space = min(self._inner(box).volume, box.container.volume)
+        needed = math.ceil(volume / (_FULL * space))
         return self._left / max(1, min(needed, more + 1))
 
     @property

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
-
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.choices import Goal, SearchBackend
@@ -18,9 +16,11 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.parallel import check_search_workers
 from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
-from packit_sim.parts.packings import validity
+from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.bounds import COUNTS, DISTANCES, ITERATIONS, LENGTHS
-from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.checked_items import CheckedItem
+from packit_sim.parts.packings.container_files import form_of
+from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
@@ -170,6 +170,8 @@ class PackTask:
         How files were understood, and what is doubtful.
     inputs : tuple of Path
         The files that were read, or should have been.
+    outlines : mapping of str to PreparedPart
+        The meshes of the boxes that are meshes, by their names.
     """
 
     parts: tuple[PreparedPart, ...]
@@ -181,6 +183,7 @@ class PackTask:
     unread: tuple[UnreadFile, ...] = ()
     notes: tuple[str, ...] = ()
     inputs: tuple[Path, ...] = ()
+    outlines: Mapping[str, PreparedPart] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_objective(self.objective, self.boxes)
@@ -188,15 +191,17 @@ class PackTask:
             raise ArgumentError("the objective value needs parts with a value, from a manifest")
         if self.fixed and (len(self.boxes) > 1 or self.boxes[0].count != 1):
             raise ArgumentError("parts that are fixed need one box: they are only in that one")
+        container = self.boxes[0].container
         for each in self.fixed:
-            low, high = each.item_type.low, each.item_type.high
-            depth = float(np.maximum(-low, high - self.boxes[0].size).max())
-            if not depth <= self.tolerance:
+            name = f"fixed: part {each.part.name!r}"
+            item = CheckedItem(name, each.item_type, Placement(0), container.longest)
+            for fault in container.faults(item, slack=self.tolerance):
                 raise ArgumentError(
-                    f"fixed: part {each.part.name!r} reaches {depth:.4g} {self.unit} beyond the "
-                    "box: choose a keep-out for what is not inside it"
+                    f"{name} {fault}, in {self.unit}: choose a keep-out for what is not inside it"
                 )
         check_margin(self.margin, self.boxes, self.unit)
+        for box in self.boxes:
+            self.constraints.check_container(box.container)
 
     @property
     def unit(self) -> Unit:
@@ -219,6 +224,20 @@ class PackTask:
     def all_parts(self) -> tuple[PreparedPart, ...]:
         """The parts, and then those that are fixed."""
         return (*self.parts, *self.fixed)
+
+    def check_ways(self, instructions: bool, film: bool) -> None:
+        """Raise ArgumentError if instructions or films are not possible with its containers."""
+        for name, asked in (("instructions", instructions), ("films", film)):
+            for box in self.boxes:
+                if asked and form_of(box.container) == "mesh":
+                    raise ArgumentError(
+                        f"{name} are not possible for {box.name!r}, a mesh: choose a box"
+                    )
+
+    @property
+    def all_meshes(self) -> tuple[PreparedPart, ...]:
+        """The meshes of all parts, of volumes that stay free, and of containers."""
+        return (*self.all_parts, *self.keep_out, *self.outlines.values())
 
     @property
     def obstacles(self) -> tuple[PreparedPart, ...]:
@@ -269,21 +288,21 @@ class PackTask:
         longest = max(max(box.size) for box in self.boxes)
         return max(
             (
-                validity.tolerance(longest, float(each.item_type.extents.max()))
+                checked_items.tolerance(longest, float(each.item_type.extents.max()))
                 for each in (*self.parts, *self.obstacles)
             ),
             default=0.0,
         )
 
-    def container(self, box: BoxType) -> BoxContainer:
+    def container(self, box: BoxType) -> Container:
         """Return a box with what the parts keep clear of."""
-        return BoxContainer(box.size, tuple(each.item_type for each in self.obstacles), box.name)
+        return box.container.with_obstacles([each.item_type for each in self.obstacles])
 
     def with_fixed(self, packing: Packing) -> Packing:
         """Return a packing of this task with the fixed parts as its first placements."""
         first = len(self.parts)
         fixed = [Placement(first + n) for n in range(len(self.fixed))]
-        container = replace(packing.container, obstacles=())
+        container = packing.container.with_obstacles(())
         placements = (*fixed, *packing.placements)
         return replace(packing, container=container, placements=placements)
 
@@ -296,7 +315,8 @@ class PackTask:
     def margin(self) -> float:
         """The distance of collision meshes from the walls, for the same purpose."""
         deviation = max((each.deviation for each in self.parts), default=0.0)
-        return self.settings.wall_clearance + deviation
+        walls = max((each.deviation for each in self.outlines.values()), default=0.0)
+        return self.settings.wall_clearance + deviation + walls
 
     @property
     def search_margin(self) -> float:
@@ -316,6 +336,11 @@ class PackTask:
         for each in (*self.parts, *self.obstacles):
             sha.update(each.part.digest.encode())
         sha.update(repr((len(self.keep_out), len(self.fixed))).encode())
+        for box in self.boxes:
+            if box.form is not None:
+                sha.update(form_of(box.form).encode())
+        for name in sorted(self.outlines):
+            sha.update(self.outlines[name].part.digest.encode())
         return sha.hexdigest()
 
     @cached_property

@@ -10,6 +10,8 @@ from typing import Protocol
 from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.packings.bounds import LENGTHS, LOADS
+from packit_sim.parts.packings.container_files import form_of
+from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -104,8 +106,26 @@ class Constraints:
         masses = self.masses or (0.0,) * len(packing.types)
         return [masses[placement.type] for placement in packing.placements]
 
+    def check_container(self, container: Container) -> None:
+        """Raise ArgumentError if they can't be decided in a container that is no box."""
+        form = form_of(container)
+        asked = {
+            "removable": self.removable,
+            "stable": self.stable is not None,
+            "insertable": self.insertable and form == "mesh",
+            "no_stack": bool(self.no_stack) and form == "mesh",
+            "max_load": bool(self.max_loads) and form == "mesh",
+        }
+        for name, is_asked in asked.items():
+            if is_asked and form != "box":
+                choice = "insertable, or a box" if form == "cylinder" else "a box"
+                raise ArgumentError(
+                    f"{name} is not possible in {container.name!r}, a {form}: choose {choice}"
+                )
+
     def check_numbers(self, packing: Packing) -> None:
         """Raise ArgumentError if they name types or placements that a packing does not have."""
+        self.check_container(packing.container)
         for name, numbers, count in (
             ("no_stack", self.no_stack, len(packing.types)),
             ("max_loads", self.max_loads, len(packing.types)),

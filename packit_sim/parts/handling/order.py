@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.removal import MOVES, Removal, Route, removal_of
 from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
+from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.packing import Packing
 
 
@@ -30,14 +32,24 @@ def packing_order(packing: Packing, constraints: Constraints | None = None) -> t
 
 
 def removal_for(sweeps: PartSweeps, kept: Sequence[int], constraints: Constraints) -> Removal:
-    """Search for the removal of some parts by the moves that are allowed (see `removal_of`)."""
+    """Search for the removal of some parts by the moves that are allowed (see `removal_of`).
+
+    Only straight up where other moves might lead through a wall: in containers that are no boxes.
+    """
+    is_box = form_of(sweeps.packing.container) == "box"
     return removal_of(
         sweeps,
         kept,
-        sides=constraints.sides,
-        moves=1 if constraints.insertable else MOVES,
+        sides=constraints.sides and is_box,
+        moves=MOVES if is_box and not constraints.insertable else 1,
         fixed=constraints.fixed,
     )
+
+
+def require_known_ways(what: str, name: str, packing: Packing) -> None:
+    """Raise ArgumentError if nobody knows where the opening of a container is: of a mesh."""
+    if form_of(packing.container) == "mesh":
+        raise ArgumentError(f"{what} are not possible for {name!r}, a mesh: choose a box")
 
 
 def order_of(sweeps: PartSweeps, kept: Sequence[int], constraints: Constraints) -> tuple[int, ...]:

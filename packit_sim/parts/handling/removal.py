@@ -15,9 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_sim.core.checks import Range, check_range
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.parts.handling.sweeps import AXES, SIDEWAYS, Direction, PartSweeps, sweeps_of
+from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.packing import Packing
 
 MOVES = 3
@@ -115,9 +117,16 @@ def removable(
     Raises
     ------
     ArgumentError
-        If `moves` is not 1 to 3.
+        If `moves` is not 1 to 3, or the container is no box: in a cylinder parts can only be
+        lifted straight up.
     """
     check_range("moves", moves, Range(1, MOVES))
+    form = form_of(packing.container)
+    if form == "mesh" or (form == "cylinder" and (moves > 1 or sides)):
+        choice = "moves=1, or a box" if form == "cylinder" else "a box"
+        raise ArgumentError(
+            f"the removal from {packing.container.name!r}, a {form}, is not known: choose {choice}"
+        )
     sweeps = sweeps_of(packing)
     return removal_of(sweeps, range(len(sweeps)), sides=sides, moves=moves, fixed=fixed)
 

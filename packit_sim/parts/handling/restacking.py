@@ -12,7 +12,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.filtering import filter_packing
-from packit_sim.parts.packings import validity
+from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.packing import Packing
 
 
@@ -38,7 +38,8 @@ def separated(packing: Packing) -> Packing:
     if not container.is_strip:
         raise ArgumentError("only a strip has space on top: choose filter_packing for a box")
     filtered = filter_packing(packing, Constraints(separable=True))
-    gap = packing.clearance and packing.clearance + validity.tolerance(container.longest, math.inf)
+    tolerance = checked_items.tolerance(container.longest, math.inf)
+    gap = packing.clearance and packing.clearance + tolerance
     boxes = [_bounds(packing.vertices(one)) for one in filtered.packing.placements]
     boxes += [_bounds(each.vertices) for each in container.obstacles]
     placements = list(packing.placements)

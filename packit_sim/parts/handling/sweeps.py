@@ -17,8 +17,8 @@ import trimesh
 from packit_sim.core.caches import bounded_cache
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.deviation import Surface
+from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.packing import Packing
-from packit_sim.parts.packings.validity import tolerance
 from packit_sim.placement import AxisNumber, cyclic, least_rise
 
 Direction = Literal["up", "+x", "-x", "+y", "-y", "down"]
@@ -73,7 +73,7 @@ class PartSweeps:
         self._boxes = np.array([placement.box for placement in placed], dtype=int)
         types = packing.types
         longest = [p.scale * float(types[p.type].extents.max()) / self.unit for p in placed]
-        self._tolerances = [tolerance(1.0, side) for side in longest]
+        self._tolerances = [checked_items.tolerance(1.0, side) for side in longest]
         self._centres = [self._centre(n) for n in range(len(placed))]
         self._surfaces: dict[tuple[int, bytes, float, float, AxisNumber], Surface] = {}
         self._distances: dict[tuple[int, int, AxisNumber, bytes], float] = {}

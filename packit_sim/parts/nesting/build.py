@@ -25,7 +25,7 @@ from packit_sim.parts.nesting.voxel_sets import (
     spread_points,
     turned_voxels,
 )
-from packit_sim.parts.packings import validity
+from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.rotation_sets import matrices
 from packit_sim.placement import PartArrays
@@ -90,7 +90,7 @@ def build(
     Problem
         The problem; its fields are still empty.
     """
-    tolerance = min(validity.tolerance(unit, float(each.extents.max())) for each in types)
+    tolerance = min(checked_items.tolerance(unit, float(each.extents.max())) for each in types)
     turns, own_turns = _turns(types)
     relative, relative_turns = _relative(turns)
     centred = [each.vertices - (each.low + each.high) / 2 for each in types]

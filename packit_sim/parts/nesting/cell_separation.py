@@ -1,4 +1,4 @@
-"""Attempts to move overlapping items apart on a grid of cells, where they then settle."""
+"""Attempts to move overlapping items apart on a grid of cells."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Ints
-from packit_sim.parts.nesting.cell_filling import settle_all
 from packit_sim.parts.nesting.cell_separation_kernels import (
     CellState,
     put_on_grid,
     separate_cells,
 )
 from packit_sim.parts.nesting.cells import Cells, cells_of
-from packit_sim.parts.nesting.problem import Problem, State
-from packit_sim.parts.nesting.settling_kernels import count_conflicts
+from packit_sim.parts.nesting.filling import loaded
+from packit_sim.parts.nesting.problem import Problem, State, boxes_of
+from packit_sim.parts.nesting.settling_kernels import lift
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
 
@@ -30,7 +30,7 @@ class CellSeparation:
     side : float
         The side of a cell.
     more : int
-        Cells by which the strip may be higher.
+        Cells by which the strip may be higher; below 0: by which it is lower.
 
     Attributes
     ----------
@@ -55,14 +55,14 @@ class CellSeparation:
         budget: SearchBudget,
         is_precise: bool,
     ) -> bool | None:
-        """Continue as `search.Attempt.advance` says; items that are apart settle."""
+        """Continue as `search.Attempt.advance` says; items that stay in conflict are lifted."""
         settings = self._task.settings
         cells = cells_of(problem, self._side)
         if self._begun is None:
             self._begun = self._on_grid(cells)
         state, grid, size = self._begun
         weights = *settings.weight_growth, settings.weight_decay
-        while self._idle < settings.cell_patience:
+        while self._overlap > 0 and self._idle < settings.cell_patience:
             if budget.is_spent:
                 return None
             passes = budget.take(1)  # of hundreds of items, one may take a second
@@ -70,15 +70,12 @@ class CellSeparation:
             overlap = separate_cells(
                 problem, cells, state, grid, size, passes, samples, weights, rng
             )
-            if overlap == 0:
-                settle_all(problem, self._task, state, rng, budget)
-                self.least = Poses.of(state)
-                # Obstacles are off the grid, so that their cells may be too few.
-                return int(count_conflicts(problem, state)) == 0
             is_gain = overlap < settings.gain * self._overlap
             self._idle = 0 if is_gain else self._idle + passes
-            self._overlap = min(self._overlap, overlap)
-        return False
+            if overlap < self._overlap:
+                self._overlap, self.least = overlap, Poses.of(state)
+        self.least = self._lifted(problem, rng)
+        return True
 
     def _on_grid(self, cells: Cells) -> tuple[State, CellState, Ints]:
         """Return the poses on the grid, in a strip that is as high as it may be."""
@@ -104,3 +101,13 @@ class CellSeparation:
         places[: task.count, 2] *= height * cells.side / self._height
         put_on_grid(cells, state, grid, places, size)
         return state, grid, size
+
+    def _lifted(self, problem: Problem, rng: npt.NDArray[np.uint64]) -> Poses:
+        """Return the poses of least overlap, after items that are in conflict were lifted."""
+        task = self._task
+        state = loaded(problem, task, self.least, boxes_of([task.size]))
+        order = np.argsort(state.bounds[: task.count, 2], kind="stable")
+        step = task.settings.settling_steps[1] * self._side
+        tries = 4 * task.settings.settling_tries
+        lift(problem, state, boxes_of([task.size]), order, step, tries, rng)
+        return Poses.of(state)

@@ -304,24 +304,21 @@ def separate_cells(problem, cells, state, grid, size, passes, samples, weights, 
     Returns
     -------
     float
-        The least overlap after a pass, unweighted; 0 if the present poses have no conflict.
+        The overlap after the last pass, unweighted; 0 if the poses have no conflict.
     """
     count = state.movable
     order = np.arange(count)
-    least = NO_LIMIT
     near, far = samples
-    for number in range(passes + 1):
-        total = _excuse(problem, cells, state, grid)
-        least = min(least, total)
-        if total == 0 or number == passes:
-            break
+    for _ in range(passes):
+        if _excuse(problem, cells, state, grid) == 0:
+            return 0.0
         shuffle(order, rng)
         for k in range(count):
             i = order[k]
             if grid.shared[i].max() > 0:
                 _move(problem, cells, state, grid, i, size, near, far, rng)
         _reweight(grid, weights)
-    return least
+    return _excuse(problem, cells, state, grid)
 
 
 @inner_kernel

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from packit_sim.geometry.arrays import Ints
@@ -20,92 +18,94 @@ THICK = 0.5, 1.5
 SHUFFLE = 0.04
 """Standard deviation of the logarithm of that product in the order of a further construction."""
 
-NEAR = 0.01
-"""Share of the least height by which a construction may be higher for its items to settle."""
+NEAR = 0.03
+"""Share of the least height by which poses may be higher for their items to settle."""
 
-FINER = 0.8
-"""Factor of the side of cells from one construction to the next, if there is time for it."""
-
-COST = 4
+COST = 3
 """Power of the number of cells along a side by which the time of a construction grows."""
 
+FINEST = 0.3
+"""Least side of the cells of the second construction, as a share of the first one's."""
+
+FIRST_SIDE = 0.6
+"""Side of the cells of the first separations, as a share of the first construction's."""
+
 LEAST_SIDE = 0.3
-"""Share of the side that cells have at first below which they do not become smaller."""
+"""The share below which they do not become smaller."""
 
 LEAST_GAIN = 5e-4
 """Share of the height by which a strip must be lower for cells of their side to be of use."""
 
-MORE_SPACE = 1, 0
-"""Cells by which a strip may be higher on the grid: settling takes them back, and more."""
+MOST_MORE = 1
+"""Most cells by which a strip may be higher on the grid: settling takes them back, and more."""
 
 
 class CellStripSearch(NestSearch):
     """A search for the lowest strip of so many types that pairs of them have no fields.
 
-    Algorithm: greedy constructions on grids of cells, ever finer ones for some of the time; then,
-    again and again, all items go to the nearest positions of a grid, are separated there
-    (`CellSeparation`), and settle by their surfaces, off the grid. Separating changes the
-    arrangement, and settling gains more than cells waste. Where that gains nothing, cells become
-    smaller. The combination is our own.
+    Algorithm: two greedy constructions on grids of cells, the second one as fine as there is time
+    for; then, again and again, all items go to the nearest positions of a finer grid in a strip
+    that is lower by some cells, are separated there (`CellSeparation`), and settle by their
+    surfaces, off the grid. A gain makes the next strip lower by one cell more, a failure by one
+    less. Where several gain nothing, cells become smaller. The combination is our own.
     """
 
     def __init__(self, task: SearchTask, seed: int) -> None:
         super().__init__(task, seed)
         self._side = 0.0
         self._failures = 0
-        self._least = math.inf  # the height of a construction
-        self._fill_side = self._spent = 0.0  # the side of its cells, and its share of the search
+        self._more = 0  # cells by which a strip may be higher on the grid
+        self._spent = 0.0  # the share of the search in which the first construction settled
+        self._is_rebuilt = False
 
     def _constructed(self, problem: Problem) -> Solution:
         task = self._task
-        self._side = self._fill_side = cell_side(problem, task)
+        self._side = FIRST_SIDE * cell_side(problem, task)
         order = self._order(problem, 0.0)
         poses = constructed(problem, task, [task.size], self._rng, order=order)
-        solution = self._solution(problem, poses)
-        self._least = solution.score[0]
-        return solution
+        return self._solution(problem, poses)
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
-        """Construct again, in smaller cells or at least in another order, while there is time."""
+        """Let the construction settle; then construct once more, as finely as there is time for."""
         task, settings = self._task, self._task.settings
-        if self._spent == 0 and self.best is not None:  # at first, let the construction settle
+        if self.best is None or self._is_rebuilt:
+            return
+        if self._spent == 0:
             before = budget.progress
             self._offer(problem, self._settled(problem, self.best.poses))
             budget.take(settings.passes_at_once)
             self._spent = budget.progress - before
-        while not self._is_over(budget):
-            for factor in (FINER, 1.0):
-                if budget.progress + self._spent / factor**COST <= settings.constructing:
-                    break
-            else:
-                return
-            self._fill_side *= factor
-            before = budget.progress
-            order = self._order(problem, SHUFFLE)
-            empty, boxes = task.unplaced, boxes_of([task.size])
-            side = self._fill_side
-            poses = filled_cells(problem, task, empty, boxes, order, budget, side)
-            height = self._solution(problem, poses).score[0]
-            if poses.inside.all() and height < self._least * (1 + NEAR):
-                self._least = min(self._least, height)
-                self._offer(problem, self._settled(problem, poses))
-            budget.take(settings.passes_at_once)
-            self._spent = budget.progress - before
+            return
+        self._is_rebuilt = True
+        factor = max((self._spent / settings.constructing) ** (1 / COST), FINEST)
+        if factor >= 1:
+            return
+        order = self._order(problem, SHUFFLE)
+        side = factor * cell_side(problem, task)
+        poses = filled_cells(
+            problem, task, task.unplaced, boxes_of([task.size]), order, budget, side
+        )
+        budget.take(settings.passes_at_once)
+        height = self._solution(problem, poses).score[0]
+        if poses.inside.all() and height < self.best.score[0] * (1 + NEAR):
+            self._offer(problem, self._settled(problem, poses))
 
     def _begun(self, problem: Problem, best: Solution) -> CellSeparation:
-        more = MORE_SPACE[self._failures % len(MORE_SPACE)]
-        return CellSeparation(self._task, best, self._side, more)
+        return CellSeparation(self._task, best, self._side, self._more)
 
     def _end(self, problem: Problem, best: Solution, attempt: Attempt, is_apart: bool) -> None:
-        height = best.score[0]
-        if is_apart:
-            solution = self._solution(problem, attempt.least)
-            height = solution.score[0]
+        height = self._solution(problem, attempt.least).score[0]
+        if height < best.score[0] * (1 + NEAR):
+            solution = self._settled(problem, attempt.least)
             self._offer(problem, solution)
-        self._failures += 1
+            height = solution.score[0]
         if height < best.score[0] * (1 - LEAST_GAIN):
+            self._more -= 1
             self._failures = 0
-        elif self._failures == self._task.settings.cell_failures:
+            return
+        self._more = min(self._more + 1, MOST_MORE)
+        self._failures += 1
+        if self._failures == self._task.settings.cell_failures:
             self._failures = 0
             side = self._side * self._task.settings.smaller_cells
             self._side = max(side, LEAST_SIDE * cell_side(problem, self._task))

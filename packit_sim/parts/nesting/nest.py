@@ -37,9 +37,9 @@ from packit_sim.parts.nesting.tasks import (
     SearchTask,
     Solution,
 )
-from packit_sim.parts.packings import validity
+from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.bounds import ITERATIONS, SECONDS, SEEDS
-from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.containers import BoxContainer, Container
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
@@ -116,7 +116,7 @@ class NestSettings:
 
 def nest(
     items: Sequence[ItemType | Item | Path | str],
-    container: BoxContainer | Sequence[float] | Sequence[BoxContainer],
+    container: Container | Sequence[float] | Sequence[BoxContainer],
     objective: str = "strip",
     time: float = 60.0,
     seed: int = 0,
@@ -130,9 +130,10 @@ def nest(
     ----------
     items : sequence of ItemType, Item, Path or str
         The items; an `Item` or a mesh file stands for one of it, in the 24 rotations.
-    container : BoxContainer or sequence of float
-        The box, or its sides; the height of a strip is `math.inf`. For the objective "bins" it has
-        no obstacles, and may be several boxes: the sizes that there are, as many of each as needed.
+    container : BoxContainer, CylinderContainer, MeshContainer or sequence of float
+        The container, or the sides of a box; the height of a strip is `math.inf`. For the objective
+        "bins" it is a box without obstacles, and may be several: the sizes that there are, as many
+        of each as needed. One that is no box is for the objective "knapsack".
     objective : str
         "strip": all items, least height; "knapsack": most value in one box; "bins": all items,
         fewest boxes, and then the smallest of several sizes.
@@ -189,17 +190,20 @@ def nest(
     empty = Packing(types, containers[0], (), clearance, objective)
     _check(empty, containers)
     units = [each.longest for each in containers]
-    gap = clearance and clearance + validity.tolerance(max(units), math.inf)
+    gap = clearance and clearance + checked_items.tolerance(max(units), math.inf)
     searched = tuple(map(in_search_frame, types))
-    shares_fields = settings.iterations is None
-    all_types = (*searched, *empty.container.obstacles)
-    by_cells = objective != "bins" and _suit_cells(all_types, containers[0], settings.search)
+    obstacles = (*containers[0].obstacles, *containers[0].walls(0.0, gap))
+    # Obstacles are large, and most of their fields are never used: those are not worth the wait.
+    shares_fields = settings.iterations is None and not obstacles
+    all_types = (*searched, *obstacles)
+    is_large = count_fields(all_types) > settings.search.most_fields
+    by_cells = objective != "bins" and is_large and _suit_cells(searched, containers[0])
     has_fields = not by_cells or objective != "strip"
     problems = Problems(
         all_types, min(units), gap, shares_fields, settings.search, by_cells, has_fields
     )
     kind = SEARCHES[objective] if has_fields else CellStripSearch
-    task = _task(empty, containers, settings.search)
+    task = _task(empty, containers, obstacles, settings.search)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
 
@@ -233,22 +237,18 @@ def nest(
     return best
 
 
-def _suit_cells(
-    types: Sequence[ItemType], container: BoxContainer, settings: SearchSettings
-) -> bool:
-    """Return whether there are too many types for fields, and all fit on a grid of cells."""
-    if count_fields(types) <= settings.most_fields:
-        return False
+def _suit_cells(types: Sequence[ItemType], container: Container) -> bool:
+    """Return whether all items fit on a grid of cells."""
     most = ROOM * np.array(container.size)
     sides = ((np.ptp(t.vertices @ m.T, axis=0) for m in matrices(t.rotations)) for t in types)
     return all(any((side <= most).all() for side in each) for each in sides)
 
 
-def _containers(given: Any) -> tuple[BoxContainer, ...]:
-    """Return the sizes of boxes, the largest first."""
-    if isinstance(given, BoxContainer):
+def _containers(given: Any) -> tuple[Container, ...]:
+    """Return the containers, the largest first."""
+    if isinstance(given, Container):
         return (given,)
-    several = isinstance(given, Sequence) and any(isinstance(each, BoxContainer) for each in given)
+    several = isinstance(given, Sequence) and any(isinstance(each, Container) for each in given)
     if not several:
         return (BoxContainer(given),)
     for number, each in enumerate(given):
@@ -258,10 +258,13 @@ def _containers(given: Any) -> tuple[BoxContainer, ...]:
 
 
 def _task(
-    empty: Packing, containers: Sequence[BoxContainer], settings: SearchSettings
+    empty: Packing,
+    containers: Sequence[Container],
+    obstacles: Sequence[ItemType],
+    settings: SearchSettings,
 ) -> SearchTask:
     """Return the task of filling an empty packing."""
-    types, obstacles = empty.types, empty.container.obstacles
+    types = empty.types
     numbers = np.arange(len(types)).repeat([each.demand for each in types])
     volumes = np.array([each.volume for each in types])
     values = np.array([each.volume if each.value is None else each.value for each in types])
@@ -323,7 +326,7 @@ def _item_type(number: int, item: ItemType | Item | Path | str) -> ItemType:
     )
 
 
-def _check(packing: Packing, containers: Sequence[BoxContainer]) -> None:
+def _check(packing: Packing, containers: Sequence[Container]) -> None:
     """Raise ArgumentError if the containers don't suit the objective, the items or the distance."""
     types, objective = packing.types, packing.objective
     longest = [float(each.extents.max()) for each in types]
@@ -339,13 +342,17 @@ def _check(packing: Packing, containers: Sequence[BoxContainer]) -> None:
             raise ArgumentError(
                 f"objective {objective!r} needs a box with {needs}, not one of {size}"
             )
+        if objective != "knapsack" and not isinstance(container, BoxContainer):
+            raise ArgumentError(
+                f"objective {objective!r} needs a box, not {container.name!r}: choose knapsack"
+            )
         if objective == "bins" and container.obstacles:
             raise ArgumentError('obstacles are not possible with the objective "bins"')
     if objective == "knapsack":
         return
     sizes = np.array([each.size for each in containers])
     unit = min(each.longest for each in containers)
-    slack = SLACK * min(validity.tolerance(unit, each) for each in longest)
+    slack = SLACK * min(checked_items.tolerance(unit, each) for each in longest)
     for each in types:
         sides = (np.ptp(each.vertices @ turn.T, axis=0) for turn in searched_rotations(each))
         if not any((side <= sizes + slack).all(axis=1).any() for side in sides):

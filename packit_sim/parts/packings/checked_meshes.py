@@ -61,6 +61,12 @@ class CheckedMesh:
         return LooseMesh(self.vertices, self.item_type.faces)
 
     @cached_property
+    def full_surface(self) -> LooseMesh:
+        """The mesh that is not drawn in, for collision tests."""
+        vertices = (self.item_type.vertices - self._middle) * self._size
+        return LooseMesh(vertices, self.item_type.faces)
+
+    @cached_property
     def whole_surface(self) -> LooseMesh:
         """The mesh that is not drawn in, for distances, in tolerances.
 
@@ -94,6 +100,16 @@ class CheckedMesh:
     def _part(self) -> Ints:
         """(m,) the number of each triangle's connected part."""
         return part_numbers(self.item_type.faces, len(self.vertices))
+
+    @cached_property
+    def sampled_faces(self) -> list[Ints]:
+        """Some triangles (s, 3) of each connected part, as indices of vertices."""
+        found = []
+        for part in range(self._part.max() + 1):
+            triangles = np.flatnonzero(self._part == part)
+            some = np.linspace(0, len(triangles) - 1, min(SAMPLES, len(triangles))).astype(int)
+            found.append(self.item_type.faces[triangles[some]])
+        return found
 
     @cached_property
     def _vertices_by_part(self) -> tuple[Ints, Ints]:
@@ -150,9 +166,7 @@ class CheckedMesh:
         boxes = self._shell_boxes[:, None]
         within = np.all((boxes[:, :, 0] <= low) & (high <= boxes[:, :, 1]), axis=2)
         for shell, part in np.argwhere(within).tolist():
-            triangles = np.flatnonzero(other._part == part)
-            some = np.linspace(0, len(triangles) - 1, min(SAMPLES, len(triangles))).astype(int)
-            points = vertices[other.item_type.faces[triangles[some]]].mean(axis=1)
+            points = vertices[other.sampled_faces[part]].mean(axis=1)
             winds = [abs(winding_number(self.shells[shell], p)) for p in points]
             if np.median(winds) > 0.5:
                 return True

@@ -13,6 +13,7 @@ import re
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -107,11 +108,11 @@ def read_instance(
         root = _root(path, "item-types[0].path", instance.item_types[0].path)
         for n, item_type in enumerate(instance.item_types):
             _check_inside(f"item-types[{n}].path", item_type.path)
+    load = cache(lambda mesh: ItemType.from_file(file_inside(root, mesh), rotations=rotations))
     types = []
     for n, item_type in enumerate(instance.item_types):
         with located(f"{path}: field 'item-types[{n}].path'", MeshError):
-            file = file_inside(root, item_type.path)
-            types.append(ItemType.from_file(file, item_type.demand, rotations))
+            types.append(load(item_type.path).changed(item_type.demand))
     size = instance.container
     return tuple(types), BoxContainer((size.size_x, size.size_y, math.inf))
 

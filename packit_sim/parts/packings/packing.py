@@ -15,7 +15,8 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.packings import validity
-from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.checked_items import CheckedItem
+from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing_files import read_packing, write_packing
 from packit_sim.parts.packings.placements import Placement
@@ -32,7 +33,7 @@ class Packing:
 
     Parameters
     ----------
-    container : BoxContainer
+    container : BoxContainer, CylinderContainer or MeshContainer
         The container, or the largest.
     placements : tuple of Placement
         The placed items.
@@ -40,7 +41,7 @@ class Packing:
         The smallest distance between the surfaces of two items.
     objective : str
         "strip", "knapsack" or "bins".
-    containers : tuple of BoxContainer
+    containers : tuple of BoxContainer, CylinderContainer or MeshContainer
         That of each box, if there are several sizes; empty if all are like `container`.
 
     Raises
@@ -67,11 +68,11 @@ class Packing:
     """
 
     types: tuple[ItemType, ...]
-    container: BoxContainer
+    container: Container
     placements: tuple[Placement, ...]
     clearance: float = 0.0
     objective: str = "strip"
-    containers: tuple[BoxContainer, ...] = ()
+    containers: tuple[Container, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "types", tuple(self.types))
@@ -123,7 +124,8 @@ class Packing:
         if not self.placements:
             return 0.0
         if self.objective == "strip":
-            return self.volume / (self.container.base * self.height)
+            x, y, _ = self.container.size
+            return self.volume / (x * y * self.height)
         return self.volume / plain_sum(self.container_of(box).volume for box in self._used)
 
     @property
@@ -135,7 +137,7 @@ class Packing:
     def _used(self) -> list[int]:
         return sorted({placement.box for placement in self.placements})
 
-    def container_of(self, box: int) -> BoxContainer:
+    def container_of(self, box: int) -> Container:
         """Return the container of a box, by its number."""
         return self.containers[box] if self.containers else self.container
 
@@ -164,18 +166,17 @@ class Packing:
         return found
 
     def _problems(
-        self, container: BoxContainer, numbered: Sequence[tuple[int, Placement]]
+        self, container: Container, numbered: Sequence[tuple[int, Placement]]
     ) -> list[str]:
         """Check items in boxes of one size."""
         unit = container.longest
         items = [
-            validity.CheckedItem(named(number, own.name), own, placement, unit)
+            CheckedItem(named(number, own.name), own, placement, unit)
             for number, placement in numbered
             for own in [self.types[placement.type]]
         ]
         obstacles = [
-            validity.CheckedItem(each.name, each, Placement(0), unit)
-            for each in container.obstacles
+            CheckedItem(each.name, each, Placement(0), unit) for each in container.obstacles
         ]
         return validity.problems(items, container, self.clearance, obstacles)
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct
@@ -23,8 +22,15 @@ from packit_sim.geometry.motions import IDENTITY, matrix_fault
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import MAX_LENGTH, Extent, PoseRows
-from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.checked_items import CheckedItem
+from packit_sim.parts.packings.container_files import (
+    RecordedForm,
+    form_of,
+    recorded_container,
+)
+from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.packings.mesh_paths import file_inside, is_inside
 from packit_sim.parts.packings.placements import Placement
 
@@ -46,6 +52,8 @@ def verify_packing(file: Path | str) -> Report:
     ------
     PackFormatError
         If the file is not of this form; the message names the file and the field.
+    MeshError
+        If the mesh of a container can't be used.
 
     Notes
     -----
@@ -57,6 +65,9 @@ def verify_packing(file: Path | str) -> Report:
 
     - `box`: its extents, from (0, 0, 0); the last is null for a strip, which has no top.
     - `boxes`: the extents of each box, where there are boxes of several sizes; `box` is ignored.
+    - `container`: `{"form": "cylinder"}` for an upright cylinder with the bounding box `box`, or
+      `{"form": "mesh", "mesh": ..., "pose": ...}` for the space inside a closed mesh with that
+      bounding box; null or missing for a box. `containers` are those of `boxes`, in their order.
     - `unit`: the name of the unit of length; it has no influence.
     - `clearance`: the smallest distance between the surfaces of two items; by default 0.
     - `mesh`: a file of one of `mesh_files.SUFFIXES`, by its path from the packing's folder, with
@@ -73,14 +84,13 @@ def verify_packing(file: Path | str) -> Report:
     """
     file = Path(file)
     packing = _read(file)
-    x, y, z = packing.box
-    container = BoxContainer((x, y, math.inf if z is None else z))
-    containers = dict(enumerate(map(BoxContainer, packing.boxes)))
+    container, several = _containers(packing, file.parent)
+    containers = dict(enumerate(several))
     load = cache(lambda mesh: ItemType.from_file(file_inside(file.parent, mesh)))
     found: list[str] = []
-    items: list[validity.CheckedItem] = []
-    obstacles: list[validity.CheckedItem] = []
-    every: list[tuple[str, _Obstacle, list[validity.CheckedItem]]]
+    items: list[CheckedItem] = []
+    obstacles: list[CheckedItem] = []
+    every: list[tuple[str, _Obstacle, list[CheckedItem]]]
     every = [(named(n, item.mesh), item, items) for n, item in enumerate(packing.items)]
     for n, obstacle in enumerate(packing.obstacles):
         every.append((f"obstacle {n} ({obstacle.mesh!r})", obstacle, obstacles))
@@ -94,7 +104,7 @@ def verify_packing(file: Path | str) -> Report:
             box = posed.box if isinstance(posed, _PackingItem) else 0
             longest = containers.get(box, container).longest
             placement = Placement.from_matrix(0, pose, box)
-            kind.append(validity.CheckedItem(name, load(posed.mesh), placement, longest))
+            kind.append(CheckedItem(name, load(posed.mesh), placement, longest))
         except MeshError as error:
             found.append(f"{name} has no mesh: {error}")
     used = sorted({item.box for item in packing.items})
@@ -107,7 +117,8 @@ def verify_packing(file: Path | str) -> Report:
         found += validity.problems(items, container, packing.clearance, obstacles)
         space = container.volume * len(used)
     if container.is_strip and not containers:
-        space = container.base * max((float(item.high[2]) for item in items), default=0.0)
+        x, y, _ = container.size
+        space = x * y * max((float(item.high[2]) for item in items), default=0.0)
     volume = plain_sum(item.volume for item in items)
     sentences = tuple(FileProblem(file, None, sentence) for sentence in found)
     return Report(sentences, 1, 1, len(packing.items), volume, space)
@@ -115,10 +126,10 @@ def verify_packing(file: Path | str) -> Report:
 
 _Placed = tuple[
     tuple[ItemType, ...],
-    BoxContainer,
+    Container,
     tuple[Placement, ...],
     float,
-    tuple[BoxContainer, ...],
+    tuple[Container, ...],
 ]
 
 
@@ -146,27 +157,39 @@ def read_packing(file: Path | str) -> _Placed:
     """
     file = Path(file)
     packing = _read(file)
-    x, y, z = packing.box
+    load = cache(lambda mesh: ItemType.from_file(file_inside(file.parent, mesh)))
     meshes = list(dict.fromkeys(item.mesh for item in packing.items))
-    types = tuple(ItemType.from_file(file_inside(file.parent, mesh)) for mesh in meshes)
+    types = tuple(map(load, meshes))
     numbers = {mesh: n for n, mesh in enumerate(meshes)}
     placements = tuple(
         Placement.from_matrix(numbers[item.mesh], np.array(item.pose), item.box)
         for item in packing.items
     )
-    obstacles = tuple(_obstacle(file, each) for each in packing.obstacles)
-    container = BoxContainer((x, y, math.inf if z is None else z), obstacles)
-    containers = tuple(map(BoxContainer, packing.boxes))
+    obstacles = tuple(_in_place(load(each.mesh), each) for each in packing.obstacles)
+    container, containers = _containers(packing, file.parent, obstacles)
     return types, container, placements, packing.clearance, containers
+
+
+def _containers(
+    packing: _Packing, folder: Path, obstacles: tuple[ItemType, ...] = ()
+) -> tuple[Container, tuple[Container, ...]]:
+    """Return the container of a packing, and those of each box if there are several sizes."""
+    forms = packing.containers or (None,) * len(packing.boxes)
+    one = packing.box, packing.container, folder, "container", obstacles
+    several = zip(packing.boxes, forms, strict=True)
+    return recorded_container(*one), tuple(
+        recorded_container(sides, form, folder, f"containers[{n}]")
+        for n, (sides, form) in enumerate(several)
+    )
 
 
 def write_packing(
     path: Path | str,
     types: Sequence[ItemType],
-    container: BoxContainer,
+    container: Container,
     placements: Sequence[Placement],
     clearance: float,
-    containers: Sequence[BoxContainer] = (),
+    containers: Sequence[Container] = (),
 ) -> None:
     """Write a packing as `verify_packing` reads it.
 
@@ -181,7 +204,7 @@ def write_packing(
         The items.
     clearance : float
         The smallest distance between the surfaces of two items.
-    containers : sequence of BoxContainer
+    containers : sequence of Container
         That of each box, if there are several sizes.
 
     Raises
@@ -210,8 +233,12 @@ def write_packing(
         "clearance": clearance,
         "items": items,
     }
+    if form_of(container) != "box":
+        packing["container"] = _form(container, path)
     if containers:
         packing["boxes"] = [each.size for each in containers]
+        if any(form_of(each) != "box" for each in containers):
+            packing["containers"] = [_form(each, path) for each in containers]
     if container.obstacles:
         identity = IDENTITY.matrix.tolist()
         packing["obstacles"] = [
@@ -219,6 +246,14 @@ def write_packing(
             for each in container.obstacles
         ]
     replace_text(path, json.dumps(packing, indent=1, ensure_ascii=False) + "\n")
+
+
+def _form(container: Container, path: Path) -> dict[str, Any] | None:
+    """Return what a container is, but for a box, and write its mesh."""
+    if isinstance(container, MeshContainer):
+        pose = container.container_from_mesh.matrix.tolist()
+        return {"form": "mesh", "mesh": _mesh_path(container.mesh, path), "pose": pose}
+    return {"form": form_of(container)} if form_of(container) != "box" else None
 
 
 def _mesh_path(item_type: ItemType, path: Path) -> str:
@@ -290,6 +325,8 @@ class _Packing(Struct):
     box: tuple[Extent, Extent, Extent | None]
     items: Annotated[tuple[_PackingItem, ...], Meta(min_length=1)]
     boxes: Annotated[tuple[tuple[Extent, Extent, Extent], ...], Meta(max_length=10_000)] = ()
+    container: RecordedForm | None = None
+    containers: Annotated[tuple[RecordedForm | None, ...], Meta(max_length=10_000)] = ()
     obstacles: tuple[_Obstacle, ...] = ()
     unit: str = ""
     clearance: Annotated[float, Meta(ge=0, lt=MAX_LENGTH)] = 0.0
@@ -307,12 +344,19 @@ def _read(file: Path) -> _Packing:
             _check_path(f"items[{n}].mesh", item.mesh)
         for n, obstacle in enumerate(packing.obstacles):
             _check_path(f"obstacles[{n}].mesh", obstacle.mesh)
+        if packing.containers and len(packing.containers) != len(packing.boxes):
+            raise PackFormatError(
+                f"field 'containers' has {len(packing.containers)} entries for "
+                f"{len(packing.boxes)} boxes"
+            )
+        for n, form in enumerate((packing.container, *packing.containers)):
+            if form is not None and form.mesh is not None:
+                _check_path(f"containers[{n - 1}].mesh" if n else "container.mesh", form.mesh)
     return packing
 
 
-def _obstacle(file: Path, obstacle: _Obstacle) -> ItemType:
+def _in_place(own: ItemType, obstacle: _Obstacle) -> ItemType:
     """Return an obstacle of a packing, in the container's coordinates."""
-    own = ItemType.from_file(file_inside(file.parent, obstacle.mesh))
     vertices = Placement.from_matrix(0, np.array(obstacle.pose)).apply(own.vertices)
     return ItemType(own.name, vertices, own.faces)
 

@@ -11,7 +11,9 @@ from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.simplification import reduced, triangle_limit
+from packit_sim.parts.packings.outlines import outline_body
 from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
 
 MAX_TRIANGLES = 2**18
 """Maximum number of triangles of all shapes of a box that is shown: EGL can draw twice as many."""
@@ -65,6 +67,26 @@ def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> Box
     shapes = {one.item.shape for one in found}
     limit = triangle_limit([len(each.mesh.faces) for each in shapes], MAX_TRIANGLES)
     return BoxState((a, b, c), tuple(_reduced(one, limit) for one in found))
+
+
+def outline_items(packing: Packing, side: float = 4.0) -> tuple[PosedItem, ...]:
+    """Return the lines of a packing's container as an item for pictures; none for a box.
+
+    Parameters
+    ----------
+    side : float, default: 4.0
+        The container's longest side, in box units.
+
+    Returns
+    -------
+    tuple of PosedItem
+        At most one.
+    """
+    lines = outline_body(packing.container)
+    if lines is None:
+        return ()
+    alone = replace(packing, types=(lines,), placements=(Placement(0),), containers=())
+    return tuple(posed(alone, side))
 
 
 def _reduced(one: PosedItem, triangles: int) -> PosedItem:

@@ -10,84 +10,19 @@ from itertools import islice
 
 import numpy as np
 
-from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
+from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.checked_meshes import checked_mesh
 from packit_sim.parts.packings.containers import Container
-from packit_sim.parts.packings.item_types import ItemType
-from packit_sim.parts.packings.placements import Placement
 
 MAX_PROBLEMS = 1000
 """The check ends after so many problems: n items at one place have n² / 2."""
 
-MAX_SHRINKAGE = 1e-3
-"""Largest tolerance of an item, relative to the longest side of its bounding box."""
-
-
-def tolerance(unit: float, longest: float) -> float:
-    """Return how far an item may reach beyond a wall, and into an item that is not smaller.
-
-    Parameters
-    ----------
-    unit : float
-        The container's longest fixed side.
-    longest : float
-        The item's longest side.
-
-    Returns
-    -------
-    float
-        The contact tolerance times the unit, and at most `MAX_SHRINKAGE` of the item's side.
-    """
-    return min(CONTACT_TOLERANCE * unit, MAX_SHRINKAGE * longest)
-
-
-class CheckedItem:
-    """A placed item, for the check.
-
-    Parameters
-    ----------
-    name : str
-        What messages call it.
-    placement : Placement
-        Where it is.
-    unit : float
-        The container's longest fixed side.
-
-    Attributes
-    ----------
-    box : int
-        The number of its container.
-    vertices : ndarray of float64, shape (n, 3)
-        Its vertices, in the container's coordinates.
-    low, high : ndarray of float64, shape (3,)
-        The corners of its bounding box.
-    tolerance : float
-        See `tolerance`.
-    """
-
-    def __init__(self, name: str, item_type: ItemType, placement: Placement, unit: float) -> None:
-        self.name = name
-        self.item_type = item_type
-        self.box = placement.box
-        self.vertices = placement.apply(item_type.vertices)
-        self.low, self.high = self.vertices.min(axis=0), self.vertices.max(axis=0)
-        self.scale = float(f"{placement.scale:.7g}")  # of single precision: equal ones share meshes
-        self.tolerance = tolerance(unit, self.scale * float(item_type.extents.max()))
-        self.volume = item_type.volume * placement.scale**3
-        self.box_from_item = placement.pose.at(placement.apply(item_type.middle))  # centred
-
-    def seen_from(self, other: CheckedItem, unit: float) -> tuple[Floats, Floats]:
-        """Return its rotation (3, 3) and, in a unit, its translation (3,) in another's frame."""
-        other_from_self = self.box_from_item.seen_from(other.box_from_item)
-        return other_from_self.rotation.copy(), other_from_self.translation / unit
-
 
 def outside(item: CheckedItem, container: Container) -> Iterator[str]:
     """Yield a sentence for each wall that an item reaches beyond by more than its tolerance."""
-    for wall, depth in container.beyond(item.vertices):
-        if not depth <= item.tolerance:
-            yield f"{item.name} reaches {depth:.3g} beyond {wall}"
+    for fault in container.faults(item):
+        yield f"{item.name} {fault}"
 
 
 def pair_problems(

@@ -104,6 +104,12 @@ class PreparedPart:
         turns = searched_rotations(self.item_type)
         return np.array([np.ptp(vertices @ turn.T, axis=0) for turn in turns])
 
+    @cached_property
+    def circles(self) -> Floats:
+        """The diameters (m,) of the circles around it, seen from above, in each rotation."""
+        vertices = self.item_type.vertices
+        return np.array([_circle(vertices @ turn.T) for turn in searched_rotations(self.item_type)])
+
     @property
     def mass(self) -> float | None:
         """The grams of one of it, if its mass or density is known."""
@@ -242,6 +248,13 @@ def largest_sum(parts: Sequence[PreparedPart]) -> float:
     """Return the largest sum of the deviations of two parts that may be neighbours."""
     found = [part.deviation for part in parts for _ in range(min(part.part.count, 2))]
     return sum(sorted(found)[-2:])
+
+
+def _circle(vertices: Floats) -> float:
+    """Return the diameter of the smallest circle around vertices (n, 3), seen from above."""
+    unit = float(np.ptp(vertices[:, :2], axis=0).max())  # trimesh has absolute tolerances
+    _, radius = trimesh.nsphere.minimum_nsphere(vertices[:, :2] / unit)
+    return 2 * unit * float(radius)
 
 
 def _bounds(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:

@@ -9,12 +9,12 @@ import numpy as np
 from packit_sim.core.length_units import Unit
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.packings.containers import Container
+from packit_sim.parts.packings.cylinders import CylinderContainer
+from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.parts.reading.units import factor
-
-_SLACK = 5e-8
-"""Rounding of a part's sides in single precision, relative to the box's."""
 
 _MISTAKEN: tuple[Unit, ...] = ("mm", "in", "m")
 """Units that are often confused: they differ by 25.4 and 1000."""
@@ -23,10 +23,9 @@ _TINY = 0.005
 """A part's longest side, relative to the box's, below which its unit is doubtful."""
 
 
-def fits(own: Floats, size: Sequence[float], margin: float) -> bool:
-    """Return whether one of the rotations with sides (m, 3) fits into a box within its margin."""
-    inner = np.array(size) * (1 + _SLACK) - 2 * margin
-    return bool((own <= inner).all(axis=1).any())
+def fits(part: PreparedPart, box: BoxType, margin: float, factor: float = 1.0) -> bool:
+    """Return whether a part, enlarged by a factor, may fit into a box within its margin."""
+    return box.container.has_space(part, margin, factor)
 
 
 def too_large(
@@ -46,19 +45,18 @@ def too_large(
     str or None
         The reason, which names a likely mistake of units; None if the part fits into a box.
     """
-    own = part.sides
-    if any(fits(own, box.size, margin) for box in boxes):
+    if any(fits(part, box, margin) for box in boxes):
         return None
     reason = f"{lengths_text(part.item_type.extents)} {unit} is larger than "
-    reason += "every box" if len(boxes) > 1 else f"the box of {lengths_text(boxes[0].size)} {unit}"
-    if any(fits(own, box.size, 0.0) for box in boxes):
+    reason += "every box" if len(boxes) > 1 else _the_only(boxes[0], unit)
+    if any(fits(part, box, 0.0) for box in boxes):
         reason += f" with {margin:.4g} {unit} at each wall"
     elif any(_fits_in_some_rotation(part, box) for box in boxes):
         reason += f" in its rotations ({part.part.rotations})"
     else:
         for other in _MISTAKEN:
             smaller = factor(other, part.part.unit)
-            if smaller < 1 and any(fits(own * smaller, box.size, margin) for box in boxes):
+            if smaller < 1 and any(fits(part, box, margin, smaller) for box in boxes):
                 size = lengths_text(part.item_type.extents * smaller)
                 reason += (
                     f"; a wrong unit? read in {other} instead of {part.part.unit}, "
@@ -103,7 +101,7 @@ def unit_notes(
         inch = [factor("in", part.part.unit) for part in parts]
         larger = plain_sum(p.volume * p.part.count * f**3 for p, f in zip(parts, inch, strict=True))
         is_all = all(
-            f > 1 and any(fits(part.sides * f, box.size, margin) for box in boxes)
+            f > 1 and any(fits(part, box, margin, f) for box in boxes)
             for part, f in zip(parts, inch, strict=True)
         )
         if is_all and larger < volume:
@@ -117,16 +115,31 @@ def unit_notes(
 
 def _larger(part: PreparedPart, boxes: Sequence[BoxType], margin: float) -> Unit | None:
     """Return a larger unit in which a part would still fit."""
-    own = part.sides
     for other in reversed(_MISTAKEN):
         larger = factor(other, part.part.unit)
-        if larger > 1 and any(fits(own * larger, box.size, margin) for box in boxes):
+        if larger > 1 and any(fits(part, box, margin, larger) for box in boxes):
             return other
     return None
 
 
 def _fits_in_some_rotation(part: PreparedPart, box: BoxType) -> bool:
     return bool((np.sort(part.item_type.extents) <= np.sort(box.size)).all())
+
+
+def _the_only(box: BoxType, unit: Unit) -> str:
+    """Name the only box, to which parts are compared."""
+    text = container_text(box.container, unit)
+    if isinstance(box.form, MeshContainer):
+        return f"the bounding box of the {text}"
+    return f"the {text}" if box.form else f"the box of {text}"
+
+
+def container_text(container: Container, unit: Unit) -> str:
+    """Return the size of a container as text, such as "cylinder of 220 x 300 mm"."""
+    if isinstance(container, CylinderContainer):
+        return f"cylinder of {lengths_text((container.diameter, container.height))} {unit}"
+    text = f"{lengths_text(container.size)} {unit}"
+    return f"mesh of {text}" if isinstance(container, MeshContainer) else text
 
 
 def lengths_text(lengths: Sequence[float] | Floats) -> str:

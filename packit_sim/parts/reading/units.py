@@ -74,7 +74,7 @@ def lengths(text: str, count: int, unit: Unit, plain: Unit | None = None) -> tup
     match = _LENGTHS.fullmatch(text.strip())
     numbers = re.split(r"\s*[xX*]\s*", match[1]) if match else []
     if match is None or len(numbers) != count:
-        example = "300x200x150mm" if count > 1 else "1mm"
+        example = {1: "1mm", 2: "220x300mm"}.get(count, "300x200x150mm")
         what = f"{count} lengths" if count > 1 else "a length"
         raise ArgumentError(f"{shown(text)} is not {what} with a unit, such as {example}")
     own = check_unit(match[2]) if match[2] else plain or unit

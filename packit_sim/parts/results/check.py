@@ -27,7 +27,9 @@ from packit_sim.geometry.parts import part_numbers
 from packit_sim.geometry.winding import winding_numbers
 from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.parts.filling.packed import PackedParts
-from packit_sim.parts.packings import validity
+from packit_sim.parts.packings import checked_items
+from packit_sim.parts.packings.containers import Container
+from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.parts.results.reread_3mf import read_3mf
@@ -124,8 +126,10 @@ def _box(packed: PackedParts, number: int, progress: Progress) -> tuple[list[str
         if original is not None:
             box_from_file = one.pose @ part.part.user_from_file
             placed.append(_Placed(original, box_from_file, f"part {n} of box {number + 1}"))
+    outline = packed.task.outlines.get(container.name)
+    wall = None if outline is None else _wall(outline, container.longest)
     for each in placed:
-        problems += _outside(each, np.array(container.size), settings.wall_clearance)
+        problems += _outside(each, container, wall, settings.wall_clearance)
     first, second = np.triu_indices(len(placed), 1)
     found, distance = _between(placed, first, second, settings.clearance, progress)
     around = [
@@ -141,6 +145,28 @@ def _box(packed: PackedParts, number: int, progress: Progress) -> tuple[list[str
 def _in_place(part: PreparedPart, unit: float, where: str) -> _Placed:
     """Return an obstacle, whose file has the coordinates of the box."""
     return _Placed(_Original(part, unit), part.part.user_from_file, where)
+
+
+def _wall(part: PreparedPart, unit: float) -> _Placed:
+    """Return the mesh of a container, whose lowest corner is at (0, 0, 0)."""
+    own = _in_place(part, unit, "the container")
+    own.shift(-part.item_type.low)
+    return own
+
+
+def _is_around_part_of(placed: _Placed, wall: _Placed) -> bool:
+    """Return whether a connected part of a wall that does not cross a part is inside it."""
+    faces = np.asarray(wall.original.mesh.faces, dtype=np.int64)
+    numbers = part_numbers(faces, len(wall.original.mesh.vertices))
+    for number in range(numbers.max() + 1):
+        corners = wall.vertices[faces[numbers == number]]
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        if (placed.low <= low).all() and (high <= placed.high).all():
+            triangles = np.asarray(placed.vertices)[np.asarray(placed.original.mesh.faces)]
+            points = corners[np.linspace(0, len(corners) - 1, SAMPLES).astype(int)].mean(axis=1)
+            if np.median(np.abs(winding_numbers(triangles, points))) > 0.5:
+                return True
+    return False
 
 
 def _has_manifold() -> bool:
@@ -203,7 +229,7 @@ class _Original:
         self.middle: Floats = middle * scale
         self.extents: Floats = np.ptp(used, axis=0) * scale
         self.unit = unit
-        self.tolerance = validity.tolerance(unit, float(self.extents.max()))
+        self.tolerance = checked_items.tolerance(unit, float(self.extents.max()))
         self.mesh = trimesh.Trimesh((mesh.vertices - middle) * scale, mesh.faces)
         was_closed = prepared.is_closed and prepared.filled_holes > 0
         _repair(self.mesh, was_closed)
@@ -217,18 +243,22 @@ class _Original:
     @cached_property
     def drawn_in(self) -> LooseMesh:
         """The mesh, shorter along each axis by the tolerance: parts that touch don't cross."""
-        return self._loose(self._drawn)
+        return self._loose(self._drawn(1))
 
-    @property
-    def _drawn(self) -> Floats:
-        return np.maximum(self.extents - self.tolerance, 0) / self.extents
+    @cached_property
+    def drawn_in_twice(self) -> LooseMesh:
+        """The same for a wall, which is not drawn in."""
+        return self._loose(self._drawn(2))
+
+    def _drawn(self, times: int) -> Floats:
+        return np.maximum(self.extents - times * self.tolerance, 0) / self.extents
 
     @cached_property
     def samples(self) -> list[Floats]:
         """Points (n, 3) of each connected part of the surface, drawn in: middles of triangles."""
         faces = np.asarray(self.mesh.faces, dtype=np.int64)
         numbers = part_numbers(faces, len(self.mesh.vertices))
-        middles = np.asarray(self.mesh.triangles_center) * self._drawn
+        middles = np.asarray(self.mesh.triangles_center) * self._drawn(1)
         groups = [middles[numbers == n] for n in range(numbers.max() + 1)]
         return [own[np.linspace(0, len(own) - 1, SAMPLES).astype(int)] for own in groups]
 
@@ -253,6 +283,11 @@ class _Placed:
         vertices = self.vertices
         self.low, self.high = vertices.min(axis=0), vertices.max(axis=0)
 
+    def shift(self, by: Floats) -> None:
+        """Move it."""
+        self.box_from_item = self.box_from_item.shifted(by)
+        self.low, self.high = self.low + by, self.high + by
+
     @property
     def vertices(self) -> Floats:
         """The vertices (n, 3) in the box."""
@@ -264,12 +299,47 @@ class _Placed:
         return there.translation * (SIZE / self.original.unit), there.rotation.copy()
 
 
-def _outside(placed: _Placed, size: Floats, clearance: float) -> Iterator[str]:
-    depth = float(np.maximum(clearance - placed.low, placed.high - (size - clearance)).max())
+def _outside(
+    placed: _Placed, container: Container, wall: _Placed | None, clearance: float
+) -> Iterator[str]:
+    """Yield a sentence if a part is not inside its container, or too close to its walls."""
+    low, high = placed.low, placed.high
+    size = np.array(container.size)
+    depth = float(np.maximum(clearance - low, high - (size - clearance)).max())
+    if isinstance(container, CylinderContainer):
+        radius = container.diameter / 2
+        from_axis = np.linalg.norm(placed.vertices[:, :2] - radius, axis=1)
+        depth = max(depth, float(from_axis.max() - (radius - clearance)))
     slack = placed.original.tolerance if clearance == 0 else _ROUNDING * placed.original.unit
     if not depth <= slack:
         what = "the box" if clearance == 0 else f"the clearance of {clearance:.4g} to the walls"
         yield f"{placed.name} reaches {depth:.3g} beyond {what}"
+    elif wall is not None:
+        yield from _beyond(placed, wall, clearance, slack)
+
+
+def _beyond(placed: _Placed, wall: _Placed, clearance: float, slack: float) -> Iterator[str]:
+    """Yield a sentence if a part is not inside a closed mesh, or too close to it."""
+    there = placed.seen_from(wall)
+    if wall.original.surface.crosses(placed.original.drawn_in_twice, *there):
+        yield f"{placed.name} crosses the container's wall"
+        return
+    triangles = np.asarray(wall.original.mesh.triangles)
+    motion = placed.box_from_item.seen_from(wall.box_from_item)
+    for samples in placed.original.samples:
+        if np.median(np.abs(winding_numbers(triangles, motion.apply(samples)))) < 0.5:
+            yield f"{placed.name} is not inside the container, in part or whole"
+            return
+    if placed.original.is_solid and _is_around_part_of(placed, wall):
+        yield f"{placed.name} is around a part of the container's wall"
+    if clearance > 0:
+        unit = placed.original.unit
+        distance = wall.original.surface.distance(placed.original.surface, *there) * unit / SIZE
+        if not distance >= clearance - slack:
+            yield (
+                f"{placed.name} is {max(distance, 0.0):.4g} from the container's wall: "
+                f"less than {clearance:.4g}"
+            )
 
 
 def _between(

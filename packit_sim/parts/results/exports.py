@@ -21,6 +21,7 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.packings.outlines import outline
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.reading.units import factor
 from packit_sim.parts.results.check import check
@@ -263,7 +264,10 @@ def _scene(
     colors: tuple[tuple[float, float, float], ...] | None = None,
     frame: Floats | None = None,
 ) -> trimesh.Scene:
-    """Return the files' meshes of a box in a unit, each once, at their poses."""
+    """Return the files' meshes of a box in a unit, each once, at their poses.
+
+    With colours and a frame, it is for viewers, and has the lines of a container.
+    """
     scene = trimesh.Scene()
     parent = scene.graph.base_frame
     if frame is not None:
@@ -280,6 +284,10 @@ def _scene(
         if colors is not None:
             mesh.visual = TextureVisuals(material=material(colors[n]))
         scene.add_geometry(mesh, each.name, own, parent_node_name=parent, transform=each.matrix)
+    if frame is not None and len(lines := outline(contents.container)):
+        path = trimesh.load_path(lines * factor(packed.task.unit, unit))
+        name = f"container {contents.container.name}"
+        scene.add_geometry(path, name, name, parent_node_name=parent)
     return scene
 
 

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.items import PosedItem
+from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.shapes import Item
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.constraints import Constraints
-from packit_sim.parts.handling.order import ways_in
+from packit_sim.parts.handling.order import require_known_ways, ways_in
 from packit_sim.parts.handling.removal import Route
 from packit_sim.parts.handling.sweeps import AXES, sweeps_of
 from packit_sim.parts.packings.packing import Packing
-from packit_sim.parts.packings.posed_parts import contents
+from packit_sim.parts.packings.posed_parts import contents, outline_items
+from packit_sim.parts.results.pictures import OUTLINE_COLOR
 from packit_sim.render import films, video
+from packit_sim.render.coloring import Colors, by_item
 from packit_sim.render.layouts import Layout
-from packit_sim.render.looks import DEFAULT_LOOK
+from packit_sim.render.looks import DEFAULT_LOOK, Look
+from packit_sim.render.staging import corners
 
 FPS = 20
 
@@ -93,16 +97,26 @@ def film_packing(
     video.require(path)
     if len({placement.box for placement in packing.placements}) != 1:
         raise ArgumentError("a film is of the parts in one box")
+    require_known_ways("films", packing.container.name, packing)
     met = constraints or Constraints()
     sweeps = sweeps_of(packing)
     order, routes = ways_in(sweeps, range(len(sweeps)), met)
     whole = contents(packing, order, _SIDE)
     scale = _SIDE / packing.container.longest
-    ways = [_way(item, routes.get(n), scale) for n, item in zip(order, whole.placed, strict=True)]
-    first = len(met.fixed)
-    frames = [(DEFAULT_LOOK, layout) for layout in _layouts(list(whole.placed), ways, first)]
-    video.write(path, films.shot(whole, frames, *SIZE), FPS)
+    lines = outline_items(packing, _SIDE)
+    items = [*lines, *whole.placed]
+    ways = [_way(item, None, scale) for item in lines]
+    ways += [_way(item, routes.get(n), scale) for n, item in zip(order, whole.placed, strict=True)]
+    first = len(lines) + len(met.fixed)
+    look = Look(box="none", coloring=_with_lines) if lines else DEFAULT_LOOK
+    frames = [(look, layout) for layout in _layouts(items, ways, first)]
+    video.write(path, films.shot(BoxState(whole.cells, tuple(items)), frames, *SIZE), FPS)
     return Path(path)
+
+
+def _with_lines(items: Sequence[Item]) -> Colors:
+    """Give the container's lines, the first item, their own colour."""
+    return Colors((OUTLINE_COLOR, *by_item(items[1:]).of))
 
 
 def _way(item: PosedItem, route: Route | None, scale: float) -> Floats:
@@ -119,8 +133,9 @@ def _way(item: PosedItem, route: Route | None, scale: float) -> Floats:
 
 def _layouts(items: list[PosedItem], ways: list[Floats], first: int) -> Iterator[Layout]:
     """Yield where the items are in each frame; the first ones are there from the start."""
-    height = max(float(item.vertices[:, 2].max()) for item in items) + _ABOVE
-    points = np.array([(0.0, 0.0, height)])
+    vertices = np.concatenate([item.vertices for item in items])
+    low, sides = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    points = low + corners(sides + np.array((0, 0, _ABOVE)))
     poses: list[Motion | None] = [item.pose if n < first else None for n, item in enumerate(items)]
     for n, way in enumerate(ways[first:], start=first):
         lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)

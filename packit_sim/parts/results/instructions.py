@@ -12,6 +12,7 @@ from pathlib import Path
 from PIL import Image
 
 from packit_sim.core import templates
+from packit_sim.core.choices import BoxStyle
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
@@ -20,10 +21,12 @@ from packit_sim.geometry.motions import IDENTITY
 from packit_sim.geometry.shapes import Item
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.constraints import Constraints
-from packit_sim.parts.handling.order import ways_in
+from packit_sim.parts.handling.order import require_known_ways, ways_in
 from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
+from packit_sim.parts.packings.containers import Container
+from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.packing import Packing
-from packit_sim.parts.packings.posed_parts import contents
+from packit_sim.parts.packings.posed_parts import contents, outline_items
 from packit_sim.parts.results.wording import place_in_words, turn_in_words, way_in_words
 from packit_sim.render.cameras import Camera
 from packit_sim.render.coloring import Color, Colors
@@ -172,6 +175,8 @@ def packing_instructions(
     """
     if not any(packing.placements for _, packing in boxes):
         raise ArgumentError("there are no instructions for a packing without parts")
+    for name, packing in boxes:
+        require_known_ways("instructions", name, packing)
     met = constraints or Constraints()
     steps = [one for name, packing in boxes for one in _boxes(name, packing, unit, met)]
     here = Path(__file__).parent
@@ -201,16 +206,18 @@ def _box(
 ) -> BoxSteps:
     packing, fixed = sweeps.packing, constraints.fixed
     order, routes = ways_in(sweeps, own, constraints)
-    whole = contents(packing, order)
+    whole, lines = contents(packing, order), outline_items(packing)
+    box: BoxStyle = "none" if lines else "edges"
     start = len(fixed.intersection(own))
     steps = []
     alone: dict[tuple[str, bytes], str] = {}
     with Scene(BoxState(whole.cells, ())) as scene:
         for n, part in enumerate(order[start:], start=start):
             placement, item = packing.placements[part], whole.placed[n]
-            scene.update(BoxState(whole.cells, whole.placed[: n + 1]))
-            picture = _step_picture(scene, n)
-            above = _data(scene.snapshot(*SMALL, Look(FROM_ABOVE, WHITE, coloring=_new)).image)
+            scene.update(BoxState(whole.cells, (*lines, *whole.placed[: n + 1])))
+            picture = _step_picture(scene, n + len(lines), box)
+            from_above = Look(FROM_ABOVE, WHITE, box, coloring=_new)
+            above = _data(scene.snapshot(*SMALL, from_above).image)
             file = _alone(scene, _as_in_file(item), alone)
             packed = _alone(scene, item, alone)
             way = (
@@ -231,20 +238,26 @@ def _box(
                     packed,
                 )
             )
-        scene.update(whole)
-        last = _data(scene.snapshot(*LARGE, Look(FROM_THE_FRONT, WHITE)).image)
+        scene.update(BoxState(whole.cells, (*whole.placed, *lines)))
+        last = _data(scene.snapshot(*LARGE, Look(FROM_THE_FRONT, WHITE, box)).image)
     counts = Counter(packing.types[packing.placements[n].type].name for n in order[start:])
-    x, y, z = packing.container.size
-    height = "open at the top" if packing.container.is_strip else f"{z:g}"
-    size = f"{x:g} x {y:g} x {height} {unit}"
+    size = _size(packing.container, unit)
     return BoxSteps(name, size, tuple(counts.items()), tuple(steps), last)
 
 
-def _step_picture(scene: Scene, new: int) -> str:
+def _size(container: Container, unit: str) -> str:
+    if isinstance(container, CylinderContainer):
+        return f"cylinder of {container.diameter:g} x {container.height:g} {unit}"
+    x, y, z = container.size
+    height = "open at the top" if container.is_strip else f"{z:g}"
+    return f"{x:g} x {y:g} x {height} {unit}"
+
+
+def _step_picture(scene: Scene, new: int, box: BoxStyle) -> str:
     """Draw a box so that one of its parts is visible."""
     best, most = None, -1.0
     for camera in (FROM_THE_FRONT, *OTHER_VIEWS):
-        found = scene.snapshot(*LARGE, Look(camera, WHITE, coloring=_new))
+        found = scene.snapshot(*LARGE, Look(camera, WHITE, box, coloring=_new))
         share = float((found.segmentation == new).mean())
         if share > most:
             best, most = found, share

@@ -125,7 +125,7 @@ def replaceable(
             "another folder, or --force to replace what is there"
         )
     found |= {name: digest_of(folder / name) for name in others}
-    inputs = [*task.inputs, *(each.part.file for each in (*task.all_parts, *task.keep_out))]
+    inputs = [*task.inputs, *(each.part.file for each in task.all_meshes)]
     for name in (RECORD, *found):
         for file in inputs:
             if file is not None and same_file(folder / name, file):
@@ -150,7 +150,7 @@ def _in_the_way(folder: Path, task: PackTask, instructions: bool, film: bool) ->
     if meshes.is_symlink() or (meshes.exists() and not meshes.is_dir()):
         yield MESHES
         return
-    for each in (*task.all_parts, *task.keep_out):
+    for each in task.all_meshes:
         name = mesh_name(each.part)
         file = folder / name
         if os.path.lexists(file):

@@ -8,7 +8,9 @@ from packit_sim.core import templates
 from packit_sim.core.files import replace_text
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
+from packit_sim.geometry.lattice import CELL
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.packings.outlines import outline
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.results.check import Check
 from packit_sim.parts.results.pictures import part_colors, shown
@@ -20,7 +22,8 @@ def add_box(models: Models, contents: Packing) -> int:
     """Add a box with all that is in it to the models of a page; return its number."""
     state = shown(contents)
     total = plain_sum(p.item.volume for p in state.placed)
-    return models.add(state.cells, state.placed, total, part_colors(contents))
+    lines = outline(contents.container) * (max(state.cells) * CELL / contents.container.longest)
+    return models.add(state.cells, state.placed, total, part_colors(contents), lines)
 
 
 def write_page(packed: PackedParts, found: Check | None, path: Path) -> Path:

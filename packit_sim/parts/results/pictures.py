@@ -13,6 +13,7 @@ from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Item
 from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.outlines import outline_body
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.posed_parts import contents
@@ -25,6 +26,9 @@ _CELLS = range(100, 129)
 
 SIZE = 1200, 900
 """Pixels of a picture."""
+
+OUTLINE_COLOR: Color = (0.30, 0.32, 0.36)
+"""The colour of the lines of a container."""
 
 _SHADES = 0.0, 0.2, 0.4, 0.6
 """Shares of white in the colours of parts that have the same hue."""
@@ -91,16 +95,19 @@ def draw(packing: Packing, path: str | os.PathLike[str], keep_out: Sequence[Item
     keep_out : sequence of ItemType
         Volumes that stay free, in the box's coordinates: they are grey.
     """
+    lines = outline_body(packing.container)
+    others = (*keep_out, *([lines] if lines else ()))
     first = len(packing.types)
-    volumes = (Placement(first + n) for n in range(len(keep_out)))
     whole = replace(
         packing,
-        types=(*packing.types, *keep_out),
-        placements=(*packing.placements, *volumes),
+        types=(*packing.types, *others),
+        placements=(*packing.placements, *(Placement(first + n) for n in range(len(others)))),
     )
+    greys = *(UNKNOWN_COLOR,) * len(keep_out), *((OUTLINE_COLOR,) if lines else ())
 
     def colors(items: Sequence[Item]) -> Colors:
-        return Colors((*part_colors(packing), *(UNKNOWN_COLOR,) * len(keep_out)))
+        return Colors((*part_colors(packing), *greys))
 
     with Scene(shown(whole)) as scene:
-        scene.snapshot(*SIZE, Look(coloring=colors)).save(path)
+        look = Look(box="none" if lines else "edges", coloring=colors)
+        scene.snapshot(*SIZE, look).save(path)

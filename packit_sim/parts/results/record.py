@@ -15,9 +15,14 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import claimed, replace_text, replacing
 from packit_sim.core.plain_text import plain
 from packit_sim.core.version import __version__
+from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.filling.task import PackTask
+from packit_sim.parts.packings.container_files import form_of
+from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.packing_files import obj_text
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.parts.results.check import Check
 from packit_sim.parts.results.request import request
 from packit_sim.parts.results.summary import summary
@@ -93,11 +98,15 @@ def write_record(
         what = {"name": each.part.name, "is part": each in task.fixed}
         obstacles.append({**what, "mesh": mesh, "pose": each.part.matrix(each.unit).tolist()})
     boxes = [packing.container for packing in packed.packings]
+    outlines = {name: mesh_name(each.part) for name, each in task.outlines.items()}
+    for name, mesh in outlines.items():
+        files[mesh] = _write_mesh(task.outlines[name].part, folder, earlier)
     stale = {name: digest for name, digest in earlier.items() if name not in files}
     record: dict[str, Any] = {
         "created by": f"PackIt-Sim {__version__}, packit pack",
         "box": list(boxes[0].size),
         "boxes": [list(box.size) for box in boxes],
+        "containers": [_form(task, box, outlines) for box in boxes],
         "box names": [box.name for box in boxes],
         "unit": task.unit,
         "clearance": task.settings.clearance,
@@ -125,7 +134,7 @@ def write_record(
         "task": task.digest,
         "searches": packed.searches,
     }
-    record["request"] = request(task, record)
+    record["request"] = request(task, record, outlines)
     _replace(folder, record)
     for name in sorted(stale):
         (folder / name).unlink(missing_ok=True)
@@ -152,6 +161,23 @@ def update_record(
     record = json.loads((folder / RECORD).read_bytes())
     record |= {"summary": summary(packed, found), "files": files, "earlier files": {}}
     _replace(folder, record)
+
+
+def _form(
+    task: PackTask, container: Container, outlines: Mapping[str, str]
+) -> dict[str, Any] | None:
+    """Return what a container is, but for a box."""
+    form = form_of(container)
+    if form == "mesh":
+        pose = outline_pose(task.outlines[container.name]).tolist()
+        return {"form": form, "mesh": outlines[container.name], "pose": pose}
+    return None if form == "box" else {"form": form}
+
+
+def outline_pose(outline: PreparedPart) -> Floats:
+    """Return the matrix (4, 4) from the file of a container's mesh to the container."""
+    part = outline.part
+    return part.user_from_file.shifted(-outline.item_type.low).scaled(outline.scale)
 
 
 def _replace(folder: Path, record: dict[str, Any]) -> None:

@@ -15,8 +15,10 @@ from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.task import PackSettings, PackTask
 from packit_sim.parts.packings.bounds import Extent
+from packit_sim.parts.packings.container_files import FormName, form_of
+from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.mesh_paths import file_inside
-from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.boxes import BoxType, MeshBox
 from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.part import Part
@@ -97,11 +99,32 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
 
 
 class RequestedBox(Struct):
-    """A size of boxes that was asked for."""
+    """A size of boxes that was asked for, or another container.
+
+    Attributes
+    ----------
+    form : str
+        What it is; the size is that of its bounding box.
+    outline : RequestedPart, optional
+        Its mesh, if it is one.
+    """
 
     name: str
     size: tuple[Extent, Extent, Extent]
     count: int | None
+    form: FormName = "box"  # earlier versions had no other
+    outline: RequestedPart | None = None
+
+    def box(self, folder: Path, unit: Unit, copies: FileCopies) -> BoxType | MeshBox:
+        """Return the box, with its mesh if it is one (see `RequestedPart.part`)."""
+        if self.form == "box":
+            return BoxType(self.size, self.name, self.count)
+        if self.form == "cylinder":
+            container = CylinderContainer(self.size[0], self.size[2], name=self.name)
+            return BoxType(self.size, self.name, self.count, container)
+        if self.outline is None:
+            raise MeshError(f"the container {self.name!r} has no mesh")
+        return MeshBox(self.outline.part(folder, unit, copies), self.name, self.count)
 
 
 class Request(Struct, rename=lambda name: name.replace("_", " ")):
@@ -158,19 +181,23 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
             fixed=[each.part(folder, self.unit, copies) for each in self.fixed],
             workers=1,
         )
-        boxes = [BoxType(box.size, box.name, box.count) for box in self.boxes]
+        boxes = [each.box(folder, self.unit, copies) for each in self.boxes]
         packed = [each for each in self.parts if each.mesh is not None]
         parts = [each.part(folder, self.unit, copies) for each in packed]
         return prepared_task(parts, boxes, "volume", settings)
 
 
-def request(task: PackTask, record: Mapping[str, Any]) -> dict[str, Any]:
+def request(
+    task: PackTask, record: Mapping[str, Any], outlines: Mapping[str, str]
+) -> dict[str, Any]:
     """Return what was asked for, as the record of a packing contains it.
 
     Parameters
     ----------
     record : mapping of str to object
         The record, whose items and obstacles name their meshes, and which has their digests.
+    outlines : mapping of str to str
+        The meshes of containers, by the names of these.
 
     Returns
     -------
@@ -183,7 +210,7 @@ def request(task: PackTask, record: Mapping[str, Any]) -> dict[str, Any]:
     settings = task.settings
     found = Request(
         tuple(_requested(each, meshes.get(each.part.name), files) for each in task.parts),
-        tuple(RequestedBox(box.name, box.size, box.count) for box in task.boxes),
+        tuple(_requested_box(task, box, outlines.get(box.name), files) for box in task.boxes),
         tuple(map(_requested, task.keep_out, around[:first], [files] * first)),
         tuple(map(_requested, task.fixed, around[first:], [files] * len(task.fixed))),
         task.unit,
@@ -199,6 +226,13 @@ def request(task: PackTask, record: Mapping[str, Any]) -> dict[str, Any]:
     )
     built: dict[str, Any] = to_builtins(found)
     return built
+
+
+def _requested_box(
+    task: PackTask, box: BoxType, mesh: str | None, files: Mapping[str, str]
+) -> RequestedBox:
+    outline = None if mesh is None else _requested(task.outlines[box.name], mesh, files)
+    return RequestedBox(box.name, box.size, box.count, form_of(box.container), outline)
 
 
 def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str]) -> RequestedPart:

@@ -24,10 +24,11 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.packings import rotation_sets
 from packit_sim.parts.packings.bounds import PoseRows
-from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.checked_items import CheckedItem
+from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.packings.validity import CheckedItem, pair_problems
+from packit_sim.parts.packings.validity import pair_problems
 from packit_sim.parts.results.record import RECORD
 
 ROUNDING = 1e-7
@@ -126,7 +127,7 @@ def placed_items(
     left = {n: each.part.count for n, each in enumerate(task.parts)}
     boxes = {box.name: box for box in task.boxes}
     used = Counter[str]()
-    containers: list[BoxContainer | None] = []
+    containers: list[Container | None] = []
     for name in box_names:
         used[name] += 1
         box = boxes.get(name)
@@ -159,14 +160,12 @@ def sentences(faults: Sequence[tuple[str, str]]) -> list[str]:
     return [each + (f" ({k} times)" if k > 1 else "") for each, k in counted.items()]
 
 
-def container_named(task: PackTask, name: str) -> BoxContainer:
+def container_named(task: PackTask, name: str) -> Container:
     """Return the container of a box of the task, by its name."""
     return task.container(next(box for box in task.boxes if box.name == name))
 
 
-def _placement(
-    task: PackTask, number: int, pose: Floats, container: BoxContainer
-) -> Placement | str:
+def _placement(task: PackTask, number: int, pose: Floats, container: Container) -> Placement | str:
     """Return the placement of a part at a pose in a box, or the rule that it breaks."""
     prepared, settings = task.parts[number], task.settings
     if fault := matrix_fault(pose):
@@ -184,15 +183,13 @@ def _placement(
     placement = Placement(number, Motion(rotation, motion.translation))
     item = CheckedItem(prepared.part.name, prepared.item_type, placement, container.longest)
     margin = settings.wall_clearance + prepared.deviation
-    depth = float(np.maximum(margin - item.low, item.high + margin - container.size).max())
-    if not depth <= (ROUNDING * container.longest if settings.wall_clearance else item.tolerance):
-        beyond = f"the distance of {margin:.4g} to the walls" if margin else "the walls"
-        return f"it reaches {depth:.3g} beyond {beyond}"
-    return placement
+    slack = ROUNDING * container.longest if settings.wall_clearance else item.tolerance
+    fault = next(container.faults(item, margin, slack), None)
+    return f"it {fault}" if fault else placement
 
 
 def _without_conflicts(
-    task: PackTask, container: BoxContainer, placements: Sequence[Placement]
+    task: PackTask, container: Container, placements: Sequence[Placement]
 ) -> tuple[tuple[Placement, ...], list[tuple[str, str]]]:
     """Return the placements in a box without those in conflict with more valuable ones.
 

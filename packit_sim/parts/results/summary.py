@@ -6,7 +6,7 @@ from pathlib import Path
 
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.separability import linked_pairs, links_in_words
-from packit_sim.parts.reading.sizes import lengths_text
+from packit_sim.parts.reading.sizes import container_text
 from packit_sim.parts.results.check import Check
 
 
@@ -28,8 +28,7 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
     boxes = [packing.container for packing in packed.packings]
     texts = {
         "packed": f"{packed.count} of {total} parts",
-        "boxes": ", ".join(f"{box.name} {lengths_text(box.size)} {unit}" for box in boxes)
-        or "none",
+        "boxes": ", ".join(f"{box.name} {container_text(box, unit)}" for box in boxes) or "none",
         "volume": f"{packed.volume:.6g} {unit}³",
         "density": f"{packed.density:.3f}",
         "height": f"{packed.height:.5g} {unit}",

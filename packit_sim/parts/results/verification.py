@@ -26,12 +26,14 @@ from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.separability import links_of_items
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import PoseRows
+from packit_sim.parts.packings.container_files import RecordedForm
 from packit_sim.parts.packings.mesh_paths import file_inside
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.results.check import Check, check
 from packit_sim.parts.results.own_files import is_export
-from packit_sim.parts.results.request import Request
+from packit_sim.parts.results.record import outline_pose
+from packit_sim.parts.results.request import Request, RequestedBox
 from packit_sim.parts.results.resuming import (
     RecordedItem,
     container_named,
@@ -95,6 +97,7 @@ class _Record(Struct, rename=lambda name: name.replace("_", " ")):
     parts: tuple[_Part, ...]
     summary: dict[str, str]
     files: dict[str, str]
+    containers: tuple[RecordedForm | None, ...] = ()  # earlier versions had only boxes
 
 
 class _Asked(Struct):
@@ -166,7 +169,8 @@ def _files(record: _Record, folder: Path) -> tuple[list[str], list[str]]:
         What can't be compared.
     """
     request = record.request
-    meshes = (*request.parts, *request.keep_out, *request.fixed)
+    outlines = [box.outline for box in request.boxes if box.outline is not None]
+    meshes = (*request.parts, *request.keep_out, *request.fixed, *outlines)
     known = {(each.mesh, each.sha256) for each in meshes}
     problems, unchecked = [], []
     for name, digest in record.files.items():
@@ -194,7 +198,8 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     except PackItError as error:
         return [*found, f"what was asked for can't be checked: {error}"]
     placed, faults = placed_items(task, record.items, record.box_names)
-    found += [*_obstacles(record, task), *sentences(faults)[: validity.MAX_PROBLEMS]]
+    found += [*_obstacles(record, task), *_outlines(record, task)]
+    found += sentences(faults)[: validity.MAX_PROBLEMS]
     if found or not is_valid:
         return found
     packings = [
@@ -221,12 +226,32 @@ def _settings(record: _Record) -> Iterator[str]:
     sizes = {box.name: box.size for box in request.boxes}
     if record.boxes != tuple(sizes.get(name) for name in record.box_names):
         yield "the boxes are not those that were asked for"
+    asked = {box.name: _asked_form(box) for box in request.boxes}
+    stated = [
+        ("box", None) if each is None else (each.form, each.mesh)
+        for each in record.containers or (None,) * len(record.boxes)
+    ]
+    if stated != [asked.get(name) for name in record.box_names]:
+        yield "the containers are not those that were asked for"
     if record.boxes[:1] != (record.box,):
         yield "field 'box' is not the first of 'boxes'"
     meshes = {each.name: each.mesh for each in request.parts}
     for name, mesh in dict.fromkeys((item.name, item.mesh) for item in record.items):
         if name in meshes and meshes[name] != mesh:
             yield f"the mesh of {name!r} is {mesh!r}, but {meshes[name]!r} was asked for"
+
+
+def _asked_form(box: RequestedBox) -> tuple[str, str | None]:
+    return box.form, None if box.outline is None else box.outline.mesh
+
+
+def _outlines(record: _Record, task: PackTask) -> Iterator[str]:
+    """Compare the poses of the meshes that are containers."""
+    for name, form in zip(record.box_names, record.containers, strict=False):
+        if form is None or form.pose is None or name not in task.outlines:
+            continue
+        if not np.allclose(form.pose, outline_pose(task.outlines[name]), _SAME, 1e-9):
+            yield f"the container {name!r} is not where it was asked for"
 
 
 def _obstacles(record: _Record, task: PackTask) -> Iterator[str]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from packit_sim.geometry.items import BoxState
+from packit_sim.geometry.lattice import CELL
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.packings.posed_parts import outline_items
 from packit_sim.parts.results.pictures import shown
 from packit_sim.web.viewer import Viewer
 
@@ -27,4 +30,7 @@ def view(packed: PackedParts, box: int = 0, port: int | None = None) -> Viewer:
     RenderError
         If viser is not installed, or the port is not available.
     """
-    return Viewer(shown(packed.contents[box]), port=port)
+    contents = packed.contents[box]
+    state = shown(contents)
+    lines = outline_items(contents, max(state.cells) * CELL)
+    return Viewer(BoxState(state.cells, (*state.placed, *lines)), port=port)

@@ -25,6 +25,7 @@ from packit_sim.geometry.motions import split
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
+from packit_sim.parts.reading.boxes import MeshBox
 from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
@@ -195,6 +196,11 @@ class Workbench:
 
     def _begin(self, job: PackingJob) -> None:
         """Start the search of a job, which keeps the files that it needs."""
+        if MeshBox.parse(job.box) is not None:  # of this machine, which others may not see
+            raise ArgumentError(
+                f"box {job.box!r:.80} is a file: choose sides, such as 300x200x150mm or "
+                "cylinder:220x300mm; packit pack takes meshes"
+            )
         self._stop = threading.Event()
         locked = self._locked_parts(job.locked)
         uploads = ExitStack()

@@ -17,6 +17,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -24,6 +25,7 @@ import numpy as np
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.core.extras import needed_for
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import disk_cache
@@ -31,6 +33,8 @@ from packit_sim.physics.convex.bisection import bisect
 from packit_sim.physics.convex.pieces import MassProperties, Piece, covering, within
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.convex.solids import Solid
+
+_log = plain_logger(__name__)
 
 PIECES_BUDGET = 200_000
 """Pieces in the process's cache of decompositions, roughly 5 kB each."""
@@ -105,7 +109,20 @@ def decompose(shape: Shape, settings: DecompositionSettings | None = None) -> De
     MissingPackageError
         If CoACD is chosen and not installed.
     """
-    return _kept(shape, settings or DecompositionSettings())
+    settings = settings or DecompositionSettings()
+    known = _kept.peek(shape, settings)
+    if known is None and not is_cached(shape, settings):
+        _announce()
+    return known or _kept(shape, settings)
+
+
+@cache
+def _announce() -> None:
+    """Log once in a process why a simulation takes long."""
+    _log.warning(
+        "shapes that were never simulated are decomposed into convex pieces first, which takes "
+        "seconds each, once; `packit prepare DATASET --physics` does it beforehand"
+    )
 
 
 def require(settings: DecompositionSettings) -> None:
@@ -151,10 +168,11 @@ def decompose_all(
     list[Decomposition]
         The decompositions, in the order of shapes.
     """
+    settings = settings or DecompositionSettings()
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         found = []
         for shape, one in zip(
-            shapes, pool.map(lambda shape: decompose(shape, settings), shapes), strict=True
+            shapes, pool.map(lambda shape: _kept(shape, settings), shapes), strict=True
         ):
             found.append(one)
             if done is not None:
