@@ -44,6 +44,7 @@ nitpick_ignore_regex = [
         r"packit_sim\.(box\.BaseBox|core\.typed_json\.JsonRecord|engine\..*"
         r"|game\.envs\.(pictures\.Pictured|specs\.WritableSpec)"
         r"|geometry\.(items\.ItemT|parts\.Parts|voxels\.Voxels)|libraries\.sources\.Source"
+        r"|parts\.packings\.(checked_items\.CheckedItem|containers\.(Container|Measured))"
         r"|parts\.reading\.file_copies\.FileCopy)",
     ),
 ]

@@ -65,9 +65,10 @@ class CacheUsage:
     ----------
     hits, misses : int
         The lookups that found a value, and those that did not.
-    size, budget : float
-        The current and the maximum size, in `unit`; beyond the budget the least recently used
-        value is dropped.
+    size : float
+        The current size, in `unit`.
+    budget : float
+        The maximum size; beyond it the least recently used value is dropped.
     unit : str
         The unit of size and budget.
     """

@@ -51,7 +51,7 @@ def pack(
     ----------
     parts : sequence of Part, Path or str
         Parts, mesh files ("bracket.stl=4" is four of it), folders, patterns of paths and manifests.
-    box : str, BoxType, container, or sequence of float, str, BoxType or container
+    box : str, BoxType, Container, or sequence of float, str, BoxType or Container
         A box, such as "300x200x150mm", (300, 200, 150), or another container, such as
         "cylinder:220x300mm", "trunk.stl" or a `MeshContainer`; or several of them.
     objective : str

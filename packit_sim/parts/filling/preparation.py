@@ -55,7 +55,7 @@ def prepared_task(
     ----------
     parts : sequence of Part, Path or str
         Parts, mesh files, folders, patterns of paths and manifests.
-    box : str, BoxType, container, or sequence of float, str, BoxType or container
+    box : str, BoxType, Container, or sequence of float, str, BoxType or Container
         A box, or several.
     objective : str
         One of `GOALS`.

@@ -190,7 +190,7 @@ def box_types(boxes: Boxes, unit: Unit, count: int | None) -> tuple[BoxType, ...
 
     Parameters
     ----------
-    boxes : str, BoxType, container, or sequence of float, str, BoxType or container
+    boxes : str, BoxType, Container, or sequence of float, str, BoxType or Container
         A box, its three sides, or several boxes. A text without a unit has that of the others.
     unit : str
         The unit of the result, and of texts if none of them names one.

@@ -26,7 +26,7 @@ def with_meshes(
 
     Parameters
     ----------
-    boxes : str, BoxType, container, or sequence of float, str, BoxType or container
+    boxes : str, BoxType, Container, or sequence of float, str, BoxType or Container
         The boxes.
     unit : str
         The unit of the result.
