@@ -61,7 +61,7 @@ those without one, and those of other packages, are entry points."""
 
 
 class _Commands(Mapping[str, Any]):
-    """All commands; each is imported and built when it is first used."""
+    """All commands, in the order of `COMMANDS`; each is imported and built when first used."""
 
     def __getitem__(self, name: str) -> Any:
         function_or_group = _found(name)
@@ -72,8 +72,10 @@ class _Commands(Mapping[str, Any]):
         return built
 
     def __iter__(self) -> Iterator[str]:
-        own = {name for modules in COMMANDS.values() for name in modules if modules[name]}
-        return iter(own | _entry_points().keys())
+        found = _entry_points()
+        known = [name for modules in COMMANDS.values() for name in modules]
+        yield from (name for name in known if _module(name) or name in found)
+        yield from sorted(found.keys() - set(known))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -87,9 +89,7 @@ class Commands(Group):
         self.commands: Any = _Commands()
 
     def list_commands(self, ctx: Any) -> list[str]:
-        names = set(self.commands)
-        known = [name for modules in COMMANDS.values() for name in modules if name in names]
-        return known + sorted(names.difference(known))
+        return list(self.commands)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         names = self.list_commands(ctx)
@@ -114,6 +114,10 @@ def _panel(name: str) -> str:
     return next(panels, OTHERS)
 
 
+def _module(name: str) -> str | None:
+    return COMMANDS.get(_panel(name), {}).get(name)
+
+
 @cache
 def _entry_points() -> dict[str, Any]:
     """Find the commands of packages: slow, and only needed for those and for lists of all."""
@@ -125,7 +129,7 @@ def _entry_points() -> dict[str, Any]:
 @cache
 def _found(name: str) -> Any:
     """Import a command's function, or its group of commands; raise KeyError if there is none."""
-    module = COMMANDS.get(_panel(name), {}).get(name)
+    module = _module(name)
     if not module:
         return _entry_points()[name].load()
     names = vars(import_module(f"packit_sim.cli.{module}"))
