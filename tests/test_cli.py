@@ -181,8 +181,8 @@ def test_brackets_in_a_name_are_printed_as_they_are(tmp_path) -> None:
 def test_an_agent_named_twice_plays_once(dataset, tmp_path) -> None:
     name = ("--agent", "largest-first/aligned/blbf")
     for names, file in ((name, "once.jsonl"), (name + name, "twice.jsonl")):
-        result = packit("evaluate", dataset, *names, "--workers", "1", "--out", tmp_path / file)
-        assert "2/2" in result.stdout
+        packit("evaluate", dataset, *names, "--workers", "1", "--out", tmp_path / file)
+    assert len(read_results(tmp_path / "once.jsonl")) == 2
     assert read_results(tmp_path / "once.jsonl") == read_results(tmp_path / "twice.jsonl")
 
 

@@ -174,7 +174,9 @@ def test_a_number_of_beams_that_is_wrong_is_named(value) -> None:
 
 def test_unknown_searches_and_policies_without_scores_are_named() -> None:
     names = "backtrack, beam, lns, mcts, ruin-recreate"
-    with pytest.raises(UnknownPolicyError, match=f"no search 'bean': choose from {names}$"):
+    with pytest.raises(
+        UnknownPolicyError, match=f"no search 'bean': did you mean beam[?] choose from {names}$"
+    ):
         Agent.from_name(f"{HEURISTIC}+bean=3")
     with pytest.raises(UnknownPolicyError, match="of the form"):
         Agent.from_name(f"{HEURISTIC}+beam=3+lns=2")
