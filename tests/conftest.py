@@ -64,13 +64,16 @@ def pytest_configure() -> None:
 
     Let torch compute in one thread: several processes with more would take turns, and twice the
     time. Draw by software unless a test names the renderer: EGL takes a second to start. Hear
-    Ctrl-C also where pytest runs in the background. What tests start inherits all this.
+    Ctrl-C and the end of the terminal also where pytest runs in the background. What tests start
+    inherits all this.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault(renderers.RENDERER_VARIABLE, "software")
     typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if (hangup := getattr(signal, "SIGHUP", None)) and signal.getsignal(hangup) == signal.SIG_IGN:
+        signal.signal(hangup, signal.SIG_DFL)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -238,7 +238,7 @@ def test_items_as_cells_keep_clear_of_obstacles_and_of_a_start() -> None:
     container = BoxContainer(
         (6.1, 6.1, math.inf), (ItemType("post", post.vertices, post.faces, rotations="fixed"),)
     )
-    settings = NestSettings(workers=1, iterations=20, search=BY_CELLS)
+    settings = NestSettings(workers=1, iterations=6, search=BY_CELLS)
     packing = nest(types, container, settings=settings)
     assert packing.problems() == [] and not any(packing.left_out)
     later = nest(types, container, settings=replace(settings, start=packing))

@@ -121,6 +121,7 @@ def test_a_broken_line_is_refused(change: dict[str, object], message: str) -> No
         Pack.from_json(json.dumps({**line, **change}))
 
 
+@pytest.mark.slow
 def test_a_dataset_in_the_old_format_is_valid() -> None:
     file = RECORDS / "packs" / "history.jsonl"
     report = verify_dataset(file, ShapeLibrary.open("everyday"))

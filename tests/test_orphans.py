@@ -75,10 +75,7 @@ def wait(holds, seconds: float) -> bool:
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="reads /proc")
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if name in ("as done", "map") else [])
-        for name in PROGRAMS
-    ],
+    [pytest.param(name, marks=[] if name == "idle" else [pytest.mark.slow]) for name in PROGRAMS],
 )
 def test_workers_end_when_their_parent_is_killed(name, tmp_path) -> None:
     parent = subprocess.Popen([sys.executable, "-c", PROGRAMS[name]], cwd=tmp_path)
@@ -146,7 +143,7 @@ except KeyboardInterrupt:
     "moment",
     [
         "while they start",
-        "before all are handed out",
+        pytest.param("before all are handed out", marks=pytest.mark.slow),
         pytest.param("between two results", marks=pytest.mark.slow),
     ],
 )
