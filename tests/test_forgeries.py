@@ -19,6 +19,7 @@ from campaigns.forgeries.judge import Judge
 from campaigns.forgeries.table import NAME, counted, table
 from campaigns.forgeries.trials import KINDS, tried
 from packit_sim.core.check_reports import FileProblem, Report
+from packit_sim.core.errors import PackItError
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.results import request, resuming, verification
 
@@ -61,6 +62,52 @@ def test_the_judge_finds_what_is_wrong(what: str, right: list[Case]) -> None:
     WRONG[what](record)
     judge = Judge(right[0].folder, right[0].record)
     assert judge.verdict(json.dumps(record).encode()).state == "wrong"
+
+
+_MATRIX = np.eye(4).tolist()
+
+UNREAD: dict[str, tuple[int, str, int, str, Any]] = {
+    "a mass that is a list": (2, "fixed", 0, "mass", [{"count": 1, "size": [10.0, 6.0, 4.0]}]),
+    "a mass in brackets": (0, "keep out", 0, "mass", [[[[]]]]),
+    "a mass that is true": (1, "parts", 0, "mass", True),
+    "a density that is a matrix": (2, "fixed", 0, "density", _MATRIX),
+    "a density that is an object": (2, "parts", 1, "density", {"a": {"a": {}}}),
+    "a scale that is a list": (0, "parts", 2, "scale", [1.0, 0.0, 0.0, 0.0]),
+    "a scale that is a text": (0, "parts", 2, "scale", "76608 mm³"),
+    "a scale of 0": (0, "parts", 2, "scale", 0),
+    "a value that is too large": (2, "fixed", 0, "value", 2**63),
+    "a value that is a text": (2, "fixed", 0, "value", "😀"),
+    "a priority that is a list": (2, "fixed", 0, "priority", []),
+    "a priority with a fraction": (0, "parts", 2, "priority", -0.0),
+    "a large number for no stack": (0, "keep out", 0, "no stack", 2**63 - 1),
+    "a zero for no stack": (2, "fixed", 0, "no stack", -0.0),
+    "no deviation": (2, "fixed", 0, "deviation", None),
+    "a deviation that is a text": (0, "keep out", 0, "deviation", "'"),
+    "a load that is a text": (2, "fixed", 0, "max load", "杯"),
+    "an axis that is a number": (0, "parts", 2, "up", 2),
+    "a mesh without a name": (0, "parts", 2, "mesh", ""),
+    "a form that is none": (0, "boxes", 0, "form", ""),
+    "another form": (0, "boxes", 0, "form", "cylinder"),
+    "an outline that is none": (0, "boxes", 0, "outline", []),
+    "more boxes than possible": (0, "boxes", 0, "count", 65536),
+}
+"""Fields that a judge could leave unread: it and the product refuse these values."""
+
+
+@pytest.mark.parametrize("what", UNREAD)
+def test_the_judge_reads_every_field_of_the_request(what: str, right: list[Case]) -> None:
+    number, group, place, field, value = UNREAD[what]
+    case = right[number]
+    record = json.loads(json.dumps(case.record))
+    record["request"][group][place][field] = value
+    assert Judge(case.folder, case.record).verdict(json.dumps(record).encode()).state == "wrong"
+    file = case.folder / "changed.json"
+    file.write_text(json.dumps(record))
+    try:
+        assert verification.verify_record(file).problems
+    except PackItError as error:
+        assert field in str(error)  # noqa: PT017
+    file.unlink()
 
 
 def test_the_judge_refuses_a_name_that_is_too_long(right: list[Case]) -> None:

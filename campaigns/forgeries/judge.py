@@ -17,17 +17,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from campaigns.forgeries.bodies import Body, read_obj
+from campaigns.forgeries.values import (
+    UPS,
+    Wrong,
+    as_integer,
+    as_matrix,
+    as_number,
+    as_text,
+    check_types,
+    is_same,
+    out_of_range,
+    require,
+)
 from campaigns.packings.random_parts import QUARTERS
 from campaigns.packings.shapes import Floats
 
 UNITS = ("micron", "mm", "cm", "in", "ft", "m")
-
-UPS: Mapping[str, Floats] = {
-    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
-    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-    "z": np.eye(3),
-}
-"""From the axes of a file to z up."""
 
 SETS: Mapping[str, Floats] = {
     "fixed": np.eye(3)[None],
@@ -62,10 +67,6 @@ class Verdict(NamedTuple):
 
     state: str
     reason: str = ""
-
-
-class Wrong(Exception):
-    """What makes a record wrong."""
 
 
 class Judge:
@@ -117,78 +118,105 @@ class Judge:
 
     def _record(self, record: Mapping[str, Any]) -> None:
         request = {"separable": False} | record["request"]  # earlier versions did not record it
-        _require(_number(request["clearance"]) >= 0, "clearance")
-        _require(_number(request["wall clearance"]) >= 0, "wall clearance")
+        require(as_number(request["clearance"]) >= 0, "clearance")
+        require(as_number(request["wall clearance"]) >= 0, "wall clearance")
         for name in ("unit", "objective", "clearance", "wall clearance"):
-            _require(_same(record[name], request[name]), name)
-        _require(request["unit"] in UNITS, "unit")
+            require(is_same(record[name], request[name]), name)
+        require(request["unit"] in UNITS, "unit")
         asked = self.honest["request"]
         for name in ("objective", *SETTINGS):
-            if not _same(request[name], asked[name]):
+            if not is_same(request[name], asked[name]):
                 self.doubts.append(f"another {name}")
         if [box["name"] for box in request["boxes"]] != [box["name"] for box in asked["boxes"]]:
             self.doubts.append("other boxes")
-        parts = {_text(each["name"]): each for each in request["parts"]}
-        _require(len(parts) == len(request["parts"]), "parts of one name")
-        stated = [(each["name"], _integer(each["count"])) for each in record["parts"]]
-        _require(stated == [(n, _integer(p["count"])) for n, p in parts.items()], "the parts")
-        known = {each["name"]: each for each in asked["parts"]}
-        for name, part in parts.items():
-            _require(set(asked["parts"][0]) <= set(part), f"a field of {name}")
-            _require(1 <= part["count"] <= 10_000, f"the count of {name}")
-            for key in UNDECIDED:
-                if not _same(part[key], known.get(name, {}).get(key)):
-                    self.doubts.append(f"another {key}")
+        groups = ("parts", "keep out", "fixed")
+        known = {each["name"]: each for group in groups for each in asked[group]}
+        for part in (each for group in groups for each in request[group]):
+            self._part(part, known)
+        parts = {each["name"]: each for each in request["parts"]}
+        require(len(parts) == len(request["parts"]), "parts of one name")
+        stated = [(each["name"], as_integer(each["count"])) for each in record["parts"]]
+        require(stated == [(n, as_integer(p["count"])) for n, p in parts.items()], "the parts")
         self._files(record["files"])
         self._boxes(record, request)
         self._numbers(parts, record)
-        meshes = {n: self.mesh(p, request["unit"]) for n, p in parts.items() if p["mesh"]}
+        meshes = {n: self.mesh(p) for n, p in parts.items() if p["mesh"] is not None}
         self._around(record, request)
         items = []
         for item in record["items"]:
-            _require(item["name"] in parts, f"nobody asked for {item['name']!r}")
-            _require(_text(item["mesh"]) == parts[item["name"]]["mesh"], "another mesh")
-            items.append((item["name"], _integer(item["box"]), _pose(item["pose"])))
+            require(item["name"] in parts, f"nobody asked for {item['name']!r}")
+            require(as_text(item["mesh"]) == parts[item["name"]]["mesh"], "another mesh")
+            items.append((item["name"], as_integer(item["box"]), as_matrix(item["pose"])))
         self.places(request, items, record["box names"], meshes)
         self._told(record, request, items, meshes)
+
+    def _part(self, part: Mapping[str, Any], known: Mapping[str, Any]) -> None:
+        """Judge the values of a requested part; those of a part without a mesh are not used."""
+        check_types(part)
+        for key in out_of_range(part):
+            require(part["mesh"] is None, f"the {key} of {part['name']!r:.40}")
+            self.doubts.append(f"an unused {key}")
+        for key in UNDECIDED:
+            if not is_same(part[key], known.get(part["name"], {}).get(key)):
+                self.doubts.append(f"another {key}")
 
     def _boxes(self, record: Mapping[str, Any], request: Mapping[str, Any]) -> None:
         sizes = {box["name"]: box for box in request["boxes"]}
         used = Counter(record["box names"])
         for name, count in used.items():
-            _require(name in sizes, f"no box {name!r} was asked for")
+            require(name in sizes, f"no box {name!r} was asked for")
             most = sizes[name]["count"]
-            _require(most is None or count <= _integer(most), f"too many boxes {name!r}")
+            require(most is None or count <= as_integer(most), f"too many boxes {name!r}")
         for box in request["boxes"]:
-            _require(all(_number(side) > 0 for side in box["size"]), "a side")
+            require(all(as_number(side) > 0 for side in box["size"]), "a side")
+            require(box["count"] is None or 1 <= as_integer(box["count"]) <= 10_000, "a count")
+            if box.get("outline") is not None:
+                self._part(box["outline"], {})
         own = [sizes[name]["size"] for name in record["box names"]]
-        _require(record["boxes"] == own and record["box"] == own[0], "the sizes of the boxes")
+        require(record["boxes"] == own and record["box"] == own[0], "the sizes of the boxes")
+        asked = {
+            name: (box.get("form", "box"), (box.get("outline") or {}).get("mesh"))
+            for name, box in sizes.items()
+        }
+        stated = self._forms(record)
+        require(stated == [asked[name] for name in record["box names"]], "the containers")
+
+    def _forms(self, record: Mapping[str, Any]) -> list[tuple[str, str | None]]:
+        """Return what each container is, and its mesh; earlier versions had only boxes."""
+        stated = record.get("containers", [])
+        require(isinstance(stated, list), "the containers")
+        found: list[tuple[str, str | None]] = []
+        for each in stated or [None] * len(record["boxes"]):
+            if each is not None:
+                require(each["form"] in ("cylinder", "mesh"), "a container")
+                self.doubts.append("a container that is no box")
+            found.append(("box", None) if each is None else (each["form"], each.get("mesh")))
+        return found
 
     def _numbers(self, parts: Mapping[str, Any], record: Mapping[str, Any]) -> None:
         packed, left = Counter(item["name"] for item in record["items"]), Counter[str]()
         for each in record["left out"]:
-            left[_text(each["name"])] += _integer(each["count"])
+            left[as_text(each["name"])] += as_integer(each["count"])
         for name, part in parts.items():
-            _require(packed[name] + left[name] == part["count"], f"the number of {name!r}")
-            _require(left[name] >= 0, f"the number of {name!r}")
-        _require(set(left) <= set(parts), "others are left out")
+            require(packed[name] + left[name] == part["count"], f"the number of {name!r}")
+            require(left[name] >= 0, f"the number of {name!r}")
+        require(set(left) <= set(parts), "others are left out")
 
-    def mesh(self, part: Mapping[str, Any], unit: str) -> Body:
+    def mesh(self, part: Mapping[str, Any]) -> Body:
         """Read the mesh of a part."""
-        path = self.folder / _text(part["mesh"])
+        path = self.folder / as_text(part["mesh"])
         self._in_folder(path)
         data = path.read_bytes()
-        _require(hashlib.sha256(data).hexdigest() == part["sha256"], "another digest")
-        _require(_number(part["scale"]) > 0 and part["up"] in UPS, "the scale or the axis")
+        require(hashlib.sha256(data).hexdigest() == part["sha256"], "another digest")
         return read_obj(data.decode())
 
     def _files(self, files: Mapping[str, Any]) -> None:
         """Judge the digests of all files of the packing."""
         for name, digest in files.items():
-            _text(digest)
+            as_text(digest)
             path = PurePosixPath(name)
-            _require(bool(path.parts) and not path.is_absolute(), f"the path {name!r:.40}")
-            _require(".." not in path.parts and "\0" not in name, f"the path {name!r:.40}")
+            require(bool(path.parts) and not path.is_absolute(), f"the path {name!r:.40}")
+            require(".." not in path.parts and "\0" not in name, f"the path {name!r:.40}")
             if PureWindowsPath(name).anchor:
                 self.doubts.append("a path of Windows")
                 continue
@@ -197,28 +225,28 @@ class Judge:
             if not os.path.lexists(file):
                 self.absent.append(name)
                 continue
-            _require(file.is_file(), f"no file {name!r}")
+            require(file.is_file(), f"no file {name!r}")
             own = hashlib.sha256(file.read_bytes()).hexdigest()
-            _require(own == digest, f"the digest of {name!r}")
+            require(own == digest, f"the digest of {name!r}")
         exports = [each for each in os.listdir(self.folder) if EXPORT.fullmatch(each)]
         self.absent += [each for each in exports if each not in files]
 
     def _around(self, record: Mapping[str, Any], request: Mapping[str, Any]) -> None:
         asked = [(part, False) for part in request["keep out"]]
         asked += [(part, True) for part in request["fixed"]]
-        _require(len(asked) == len(record["obstacles"]), "the obstacles")
+        require(len(asked) == len(record["obstacles"]), "the obstacles")
         for (part, is_part), stated in zip(asked, record["obstacles"], strict=True):
             same = (stated["name"], stated["mesh"], stated["is part"]) == (
                 *(part["name"], part["mesh"], is_part),
             )
-            _require(same and isinstance(stated["is part"], bool), "an obstacle")
-            fields = self.honest["request"]["parts"][0]
-            _require(set(fields) <= set(part), f"a field of {part['name']}")
+            require(same and isinstance(stated["is part"], bool), "an obstacle")
             place = np.zeros((4, 4))
             place[:3, :3] = part["scale"] * UPS[part["up"]]
             place[3, 3] = 1
-            _require(np.allclose(_pose(stated["pose"]), place, 1e-6, 0), "the place of an obstacle")
-            if not _same(part["rotations"], "fixed") or not _same(part["count"], 1):
+            require(
+                np.allclose(as_matrix(stated["pose"]), place, 1e-6, 0), "the place of an obstacle"
+            )
+            if not is_same(part["rotations"], "fixed") or not is_same(part["count"], 1):
                 self.doubts.append("an obstacle that turns")
 
     def places(
@@ -240,13 +268,13 @@ class Judge:
         clearance, walls = request["clearance"], request["wall clearance"]
         placed: list[tuple[int, Body]] = []
         for name, box, pose in items:
-            _require(0 <= box < len(box_names) and name in meshes, f"the box of {name!r}")
+            require(0 <= box < len(box_names) and name in meshes, f"the box of {name!r}")
             self._turn(parts[name], pose)
             body, size = meshes[name].moved(pose), sizes[box_names[box]]
             self._inside(body, size, walls)
             placed.append((box, body))
         around = [
-            self.mesh(part, request["unit"]).moved(_upright(part))
+            self.mesh(part).moved(_upright(part))
             for part in (*request["keep out"], *request["fixed"])
         ]
         self._apart(placed, [sizes[name] for name in box_names], clearance, around)
@@ -284,18 +312,18 @@ class Judge:
             most = {each["name"]: each["count"] for each in group}
             for name, number in Counter(own).items():
                 limit = most.get(name, 0)
-                _require(limit is None or number <= limit, f"{number} of {name!r}")
+                require(limit is None or number <= limit, f"{number} of {name!r}")
 
     def _turn(self, part: Mapping[str, Any], pose: Floats) -> None:
         """Judge the size and the rotation of an item."""
-        _require(pose[3].tolist() == [0, 0, 0, 1], "the last row")
+        require(pose[3].tolist() == [0, 0, 0, 1], "the last row")
         turn = pose[:3, :3] / part["scale"] @ UPS[part["up"]].T
         size = float(np.abs(turn.T @ turn - np.eye(3)).max())
         self._at_most(size, 3e-7, 1e-5, "another size, or sheared")
-        _require(np.linalg.det(turn) > 0, "mirrored")
+        require(np.linalg.det(turn) > 0, "mirrored")
         if part["rotations"] == "free":
             return
-        _require(part["rotations"] in SETS, "no rotations")
+        require(part["rotations"] in SETS, "no rotations")
         far = float(np.abs(SETS[part["rotations"]] - turn).max(axis=(1, 2)).min())
         self._at_most(far, 3e-7, 1e-5, "a rotation that nobody asked for")
 
@@ -318,31 +346,31 @@ class Judge:
         """Judge volumes, masses and the summary."""
         centimetres = {"micron": 1e-4, "mm": 0.1, "cm": 1, "in": 2.54, "ft": 30.48, "m": 100}
         unit, summary = request["unit"], record["summary"]
-        _require(all(isinstance(each, str) for each in summary.values()), "the summary")
+        require(all(isinstance(each, str) for each in summary.values()), "the summary")
         parts = {each["name"]: each for each in request["parts"]}
         volumes = {n: meshes[n].volume * parts[n]["scale"] ** 3 for n in meshes}
         masses: dict[str, float | None] = {}
         for name, volume in volumes.items():
             masses[name], density = parts[name]["mass"], parts[name]["density"]
             if masses[name] is None and density is not None:
-                masses[name] = _number(density) * volume * centimetres[unit] ** 3
+                masses[name] = as_number(density) * volume * centimetres[unit] ** 3
         for each in record["parts"]:
-            _number(each["volume"])
-            _require(each["mass"] is None or _number(each["mass"]) is not None, "a mass")
+            as_number(each["volume"])
+            require(each["mass"] is None or as_number(each["mass"]) is not None, "a mass")
             if each["name"] not in volumes:
                 continue
             own = (volumes[each["name"]], masses[each["name"]])
-            for said, right in zip((_number(each["volume"]), each["mass"]), own, strict=True):
-                _require((said is None) == (right is None), "a mass")
+            for said, right in zip((as_number(each["volume"]), each["mass"]), own, strict=True):
+                require((said is None) == (right is None), "a mass")
                 if said is not None and right is not None:
-                    wrong = abs(_number(said) / right - 1) if right else 1.0
+                    wrong = abs(as_number(said) / right - 1) if right else 1.0
                     self._at_most(wrong, 5e-7, 3e-6, "a volume or a mass")
         placed = [(name, box, meshes[name].moved(pose)) for name, box, pose in items]
         total = sum(part["count"] for part in request["parts"])
-        _require(summary["packed"] == f"{len(items)} of {total} parts", "the number of parts")
+        require(summary["packed"] == f"{len(items)} of {total} parts", "the number of parts")
         boxes = [np.array(size, float) for size in record["boxes"]]
         longest = max(float(side) for box in request["boxes"] for side in box["size"])
-        _require(all(any(box == n for _, box, _ in placed) for n in range(len(boxes))), "a box")
+        require(all(any(box == n for _, box, _ in placed) for n in range(len(boxes))), "a box")
         volume = sum(volumes[name] for name, _, _ in placed)
         known = None not in [masses[name] for name, _, _ in placed]
         true: dict[str, list[float]] = {
@@ -368,14 +396,14 @@ class Judge:
             centres = np.array([body.centre for _, body in inside])
             true[line] = np.average(centres, axis=0, weights=weights).tolist()
         lines = set(summary) - {"check", "linked pairs"}
-        _require(lines == {"packed", *true}, "the lines of the summary")
+        require(lines == {"packed", *true}, "the lines of the summary")
         convex = summary.get("linked pairs", "none")  # earlier versions have no such line
-        _require(convex == "none", "the linked pairs")
+        require(convex == "none", "the linked pairs")
         for name, values in true.items():
             text = summary[name]
             words = re.sub(NUMBER, "#", self.honest["summary"].get(name, ""))
             words = re.sub(rf"\b{self.honest['unit']}\b", unit, words)
-            _require(re.sub(NUMBER, "#", text) == words, f"the words of {name!r}")
+            require(re.sub(NUMBER, "#", text) == words, f"the words of {name!r}")
             stated = [float(each) for each in re.findall(NUMBER, text.replace(unit + "³", ""))]
             if name == "boxes":
                 stated = [
@@ -383,7 +411,7 @@ class Judge:
                     for size in re.findall(rf"({NUMBER}) x ({NUMBER}) x ({NUMBER})", text)
                     for side in size[:3]
                 ]
-            _require(len(stated) == len(values), f"the numbers of {name!r}")
+            require(len(stated) == len(values), f"the numbers of {name!r}")
             for one, other in zip(stated, values, strict=True):
                 last = 10.0 ** (np.floor(np.log10(abs(other) or 1e-30)) + 1 - DIGITS.get(name, 4))
                 last = max(last, 1e-3 if name == "density" else 1e-6 * longest)
@@ -394,36 +422,37 @@ class Judge:
         known = {"items", "obstacles", "boxes", "clearance", "unit"}
         if not known <= set(record) or not isinstance(record["unit"], str):
             self.doubts.append("fields of another program")
-        sizes = [np.array([_number(side) for side in size]) for size in record["boxes"]]
-        clearance = _number(record["clearance"])
-        _require(clearance >= 0 and all((size > 0).all() for size in sizes), "a length")
+        sizes = [np.array([as_number(side) for side in size]) for size in record["boxes"]]
+        clearance = as_number(record["clearance"])
+        self._forms(record)
+        require(clearance >= 0 and all((size > 0).all() for size in sizes), "a length")
         bodies: dict[bool, list[tuple[int, Body]]] = {False: [], True: []}
         for is_item, group in ((True, record["items"]), (False, record["obstacles"])):
             for each in group:
-                pose, box = _pose(each["pose"]), _integer(each["box"]) if is_item else 0
+                pose, box = as_matrix(each["pose"]), as_integer(each["box"]) if is_item else 0
                 scale = np.cbrt(np.linalg.det(pose[:3, :3]))
-                _require(scale > 0 and pose[3].tolist() == [0, 0, 0, 1], "mirrored")
+                require(scale > 0 and pose[3].tolist() == [0, 0, 0, 1], "mirrored")
                 turn = pose[:3, :3] / scale
                 skew = float(np.abs(turn.T @ turn - np.eye(3)).max())
                 self._at_most(skew, 3e-7, 1e-5, "sheared")
-                path = self.folder / _text(each["mesh"])
+                path = self.folder / as_text(each["mesh"])
                 self._in_folder(path)
                 bodies[is_item].append((box, read_obj(path.read_text()).moved(pose)))
         for box, body in bodies[True]:
-            _require(0 <= box < len(sizes), "a box")
+            require(0 <= box < len(sizes), "a box")
             self._inside(body, sizes[box], 0.0)
         self.doubts += [] if bodies[True] else ["no items"]
         self._apart(bodies[True], sizes, clearance, [body for _, body in bodies[False]])
 
     def _in_folder(self, path: Path) -> None:
         self._leads_inside(path)
-        _require(os.path.isfile(path), "no mesh")  # also False for a name that is too long
+        require(os.path.isfile(path), "no mesh")  # also False for a name that is too long
 
     def _leads_inside(self, path: Path) -> None:
-        _require(os.path.realpath(path).startswith(self._root), "a file out of the folder")
+        require(os.path.realpath(path).startswith(self._root), "a file out of the folder")
 
     def _at_most(self, value: float, right: float, wrong: float, what: str) -> None:
-        _require(value <= wrong, f"{what}: {value:.3g}")
+        require(value <= wrong, f"{what}: {value:.3g}")
         if value > right:
             self.doubts.append(f"{what}: {value:.3g}")
 
@@ -436,36 +465,3 @@ def _upright(part: Mapping[str, Any]) -> Floats:
     matrix = np.eye(4)
     matrix[:3, :3] = part["scale"] * UPS[part["up"]]
     return matrix
-
-
-def _require(holds: bool, what: str) -> None:
-    if not holds:
-        raise Wrong(what)
-
-
-def _number(value: Any) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    _require(is_number and abs(value) < 1e300, f"{value!r:.40}")
-    return float(value)
-
-
-def _integer(value: Any) -> int:
-    number = _number(value)
-    _require(number == int(number), f"{value!r:.40} is no integer")
-    return int(number)
-
-
-def _text(value: Any) -> str:
-    _require(isinstance(value, str), f"{value!r:.40} is no text")
-    return str(value)
-
-
-def _same(one: Any, other: Any) -> bool:
-    return isinstance(one, bool) == isinstance(other, bool) and bool(one == other)
-
-
-def _pose(rows: Any) -> Floats:
-    _require(len(rows) == 4 and all(len(row) == 4 for row in rows), "no matrix")
-    pose = np.array([[_number(each) for each in row] for row in rows])
-    _require(bool((np.abs(pose) < 1e30).all()), "no finite matrix")
-    return pose

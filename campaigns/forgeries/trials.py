@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 from campaigns.forgeries.cases import Case, cases
 from campaigns.forgeries.changes import BYTES, CHANGES, FILES, TREE, forged
-from campaigns.forgeries.judge import Judge, Wrong
+from campaigns.forgeries.judge import Judge
 from campaigns.forgeries.memory import remembered
+from campaigns.forgeries.values import Wrong
 from packit_sim.core.errors import PackItError
 from packit_sim.parts.results.resuming import read_earlier
 from packit_sim.parts.results.verification import REQUEST, verify_record
@@ -100,9 +101,7 @@ def _resumed(case: Case, file: Path) -> tuple[int, list[str]]:
         return 0, []
     judge = Judge(case.folder, case.record)
     request = case.record["request"]
-    meshes = {
-        each["name"]: judge.mesh(each, request["unit"]) for each in request["parts"] if each["mesh"]
-    }
+    meshes = {each["name"]: judge.mesh(each) for each in request["parts"] if each["mesh"]}
     items = [
         (packed.part(one).part.name, number, packed.pose(one))
         for number, packing in enumerate(packed.packings)

@@ -1,0 +1,107 @@
+"""Types and ranges of the values of a record, as the guides and docstrings state them.
+
+Nothing here is of PackIt-Sim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import NoneType
+from typing import Any
+
+import numpy as np
+
+from campaigns.packings.shapes import Floats
+
+TYPES: Mapping[str, tuple[type, ...]] = {
+    "name": (str,),
+    "mesh": (str, NoneType),
+    "sha256": (str, NoneType),
+    "count": (int,),
+    "scale": (float,),
+    "up": (str,),
+    "rotations": (str,),
+    "value": (float, NoneType),
+    "priority": (int,),
+    "mass": (float, NoneType),
+    "density": (float, NoneType),
+    "no stack": (bool,),
+    "max load": (float, NoneType),
+    "deviation": (float,),
+}
+"""The types of the fields of a requested part; an integer is a float, too."""
+
+RANGES: Mapping[str, tuple[float, float]] = {
+    "count": (1, 10_000),
+    "value": (0, 1e12),
+    "priority": (-1e9, 1e9),
+    "mass": (1e-9, 1e12),
+    "density": (1e-9, 1e6),
+    "max load": (0, 1e12),
+    "deviation": (0, 1e30),
+}
+
+UPS: Mapping[str, Floats] = {
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "z": np.eye(3),
+}
+"""From the axes of a file to z up."""
+
+
+class Wrong(Exception):
+    """What makes a record wrong."""
+
+
+def require(holds: bool, what: str) -> None:
+    """Raise Wrong if something does not hold."""
+    if not holds:
+        raise Wrong(what)
+
+
+def check_types(part: Mapping[str, Any]) -> None:
+    """Raise Wrong if a requested part lacks a field, or has one of another type."""
+    for key, types in TYPES.items():
+        kinds = (*types, int) if float in types else types
+        require(key in part and type(part[key]) in kinds, f"field {key!r} of a part")
+    require(part["scale"] > 0, "the scale of a part")
+
+
+def out_of_range(part: Mapping[str, Any]) -> list[str]:
+    """List the fields of a requested part that have a value that is not possible."""
+    found = [] if part["up"] in UPS else ["up"]
+    for key, (low, high) in RANGES.items():
+        found += [] if part[key] is None or low <= part[key] <= high else [key]
+    return found
+
+
+def as_number(value: Any) -> float:
+    """Return a number; raise Wrong if it is none."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    require(is_number and abs(value) < 1e300, f"{value!r:.40}")
+    return float(value)
+
+
+def as_integer(value: Any) -> int:
+    """Return an integer; raise Wrong if it is none."""
+    require(type(value) is int, f"{value!r:.40} is no integer")
+    return int(value)
+
+
+def as_text(value: Any) -> str:
+    """Return a text; raise Wrong if it is none."""
+    require(isinstance(value, str), f"{value!r:.40} is no text")
+    return str(value)
+
+
+def is_same(one: Any, other: Any) -> bool:
+    """Return whether two values are equal, and both truth values or neither."""
+    return isinstance(one, bool) == isinstance(other, bool) and bool(one == other)
+
+
+def as_matrix(rows: Any) -> Floats:
+    """Return a matrix (4, 4); raise Wrong if it is none, or not finite."""
+    require(len(rows) == 4 and all(len(row) == 4 for row in rows), "no matrix")
+    pose = np.array([[as_number(each) for each in row] for row in rows])
+    require(bool((np.abs(pose) < 1e30).all()), "no finite matrix")
+    return pose
