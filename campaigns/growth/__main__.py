@@ -2,7 +2,8 @@
 
 Each repetition that a format allows is doubled again and again. Those whose CPU time may grow
 faster than the file are counted: the instructions of reading three files, by Valgrind. `--reader`
-chooses some readers; `--every` counts all of their repetitions, which takes far longer.
+chooses some readers; `--every` counts all of their repetitions, which takes far longer; `--resume`
+continues: it screens readers that have no results, and counts what is not counted yet.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ def main() -> None:
     parser = argument_parser(__doc__)
     parser.add_argument("--reader", nargs="+", default=["all"], choices=("all", *READERS))
     parser.add_argument("--every", action="store_true", help="count what the screening clears, too")
+    parser.add_argument("--resume", action="store_true", help="keep what the results have")
     parser.add_argument("--logs", type=Path, help="used by the campaign itself, inside Valgrind")
     arguments = parser.parse_args()
     if arguments.table:
@@ -59,9 +61,12 @@ def main() -> None:
         return
     if not is_installed():
         sys.exit(NO_VALGRIND)
-    screen(names, arguments.out, arguments.every)
+    known = read_results(NAME, arguments.out).get("readers", {}) if arguments.resume else {}
+    screen([name for name in names if name not in known], arguments.out, arguments.every)
     results = read_results(NAME, arguments.out)["readers"]
-    names = [name for name in names if results[name]["suspects"]]
+    names = [
+        name for name in names if set(results[name]["suspects"]) - set(results[name]["counted"])
+    ]
     if not names:
         return
     environment = os.environ | _FIXED
@@ -102,7 +107,7 @@ def count(names: Iterable[str], logs: Path, out: Path) -> None:
         with suppress(Exception):  # of a file that is refused
             reader.read(found[0].write(1))
         for one in found:
-            if one.name not in row["suspects"]:
+            if one.name not in row["suspects"] or one.name in row["counted"]:
                 continue
             exponent = growth(counter, reader.read, one)
             row["counted"][one.name] = str(exponent) if math.isinf(exponent) else round(exponent, 2)
