@@ -117,11 +117,17 @@ def _packings() -> list[bytes]:
     other = pose.copy()
     other[0, 3] = 5.0
     items = [{"mesh": "parts/box.stl", "pose": one.tolist()} for one in (pose, other)]
-    return [json.dumps({"box": [9, 8, 7], "unit": "mm", "items": items}).encode()]
+    content = {"box": [9, 8, 7], "unit": "mm", "items": items}
+    case = {"form": "mesh", "mesh": "parts/case.stl", "pose": Motion.shift((4.5, 4.5, 4.5)).matrix}
+    case["pose"] = case["pose"].tolist()
+    round_box = {"box": [9, 9, 7], "container": {"form": "cylinder"}}
+    several = {"boxes": [[9, 8, 7], [9, 9, 9]], "containers": [None, case]}
+    return [json.dumps(content | more).encode() for more in ({}, round_box, several)]
 
 
 def _read_packing(data: bytes) -> None:
     world.written("packing/parts/box.stl", world.exported(creation.box((1, 2, 3)), "stl"))
+    world.written("packing/parts/case.stl", world.exported(creation.box((9, 9, 9)), "stl"))
     for problem in verify_packing(world.written("packing/packing.json", data)).problems:
         world.require_clean(str(problem))
 

@@ -5,7 +5,13 @@ A reader reads what a user would read with it, and uses the result as far as tha
 
 from __future__ import annotations
 
-from campaigns.fuzzing import dataset_readers, learning_readers, part_readers, shape_readers
+from campaigns.fuzzing import (
+    container_readers,
+    dataset_readers,
+    learning_readers,
+    part_readers,
+    shape_readers,
+)
 from campaigns.fuzzing.reader import Reader
 
 READERS: dict[str, Reader] = {
@@ -13,6 +19,7 @@ READERS: dict[str, Reader] = {
     for reader in (
         *dataset_readers.READERS,
         *part_readers.READERS,
+        *container_readers.READERS,
         *shape_readers.READERS,
         *learning_readers.READERS,
     )

@@ -44,6 +44,16 @@ _LOCK_SECONDS = 0.1
 """Timeout for a lock file: time for a second attempt if its holder has just removed it."""
 
 
+def exists(path: Path) -> bool:
+    """Return whether there is something at a path; False if no file can have such a name."""
+    try:
+        return path.exists()
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return False
+        raise
+
+
 def read_whole(path: Path) -> bytes:
     """Read a file that may come from a stranger.
 

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from packit_sim.core.errors import PackFormatError
-from packit_sim.core.files import read_whole
+from packit_sim.core.files import exists, read_whole
 from packit_sim.libraries.mesh_files import SUFFIXES as MESH_SUFFIXES
 
 
 def read_bytes(path: Path) -> bytes:
     """Read a file, or raise PackFormatError; a mesh file is refused by its name."""
-    if path.suffix.lower() in MESH_SUFFIXES and path.is_file():
+    if path.suffix.lower() in MESH_SUFFIXES and exists(path) and path.is_file():
         raise PackFormatError(
             f"{path} is a mesh file, not a dataset: datasets are .jsonl files, or folders of such; "
             "`packit generate --library FOLDER` makes one of a folder of meshes, and "

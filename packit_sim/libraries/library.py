@@ -19,6 +19,7 @@ from packit_sim.core import typed_json
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.choices import SPLITS, Split
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
+from packit_sim.core.files import exists
 from packit_sim.core.plain_text import listed
 from packit_sim.core.suggestions import did_you_mean
 from packit_sim.geometry.shapes import Shape
@@ -335,7 +336,7 @@ def _source(source: str | Path, seed: int) -> Source:
             return _installed(installed[scheme], Path(path))
         scheme, path = "", str(source)
     folder = Path(path)
-    if not path or not folder.is_dir():
+    if not path or not exists(folder) or not folder.is_dir():
         raise LibraryError(
             f"no shape library {str(source)!r}: it is neither built in "
             f"({', '.join(builtin_names())}) nor a folder"
@@ -354,7 +355,7 @@ def _source(source: str | Path, seed: int) -> Source:
 
 def _installed(found: EntryPoint, path: Path) -> Source:
     """Open a source of another package."""
-    if not path.exists():
+    if not exists(path):
         raise LibraryError(f"no shape library '{found.name}:{path}': there is no {path}")
     source: Source = found.load()(path)
     return source

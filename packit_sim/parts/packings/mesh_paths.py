@@ -6,6 +6,7 @@ from os.path import realpath
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from packit_sim.core.errors import MeshError
+from packit_sim.core.files import exists
 
 MAX_LEVELS = 8
 """How many folders above a file are searched."""
@@ -34,7 +35,7 @@ def root_of(file: Path, path: str) -> Path | None:
         The nearest folder in which there is such a file.
     """
     folders = file.absolute().parents[: MAX_LEVELS + 1]
-    return next((folder for folder in folders if (folder / path).is_file()), None)
+    return next((each for each in folders if exists(each / path) and (each / path).is_file()), None)
 
 
 def file_inside(folder: Path, path: str) -> Path:

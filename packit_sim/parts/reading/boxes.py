@@ -9,6 +9,7 @@ from pathlib import Path
 
 from packit_sim.core.checks import as_integer, check_range, shown
 from packit_sim.core.errors import ArgumentError, located
+from packit_sim.core.files import exists
 from packit_sim.core.length_units import Unit
 from packit_sim.libraries.mesh_files import SUFFIXES
 from packit_sim.parts.packings.bounds import COUNTS
@@ -157,7 +158,7 @@ class MeshBox:
     def parse(cls, text: str) -> MeshBox | None:
         """Read "trunk.stl", "A:trunk.stl" or "A:trunk.stl=2"; return None for anything else."""
         whole = Path(text)
-        if whole.suffix.lower() in SUFFIXES and whole.exists():  # also with a drive, or "="
+        if whole.suffix.lower() in SUFFIXES and exists(whole):  # also with a drive, or "="
             return cls(whole, whole.stem)
         match = _MESH.fullmatch(text.strip())
         if match is None or Path(match["file"]).suffix.lower() not in SUFFIXES:

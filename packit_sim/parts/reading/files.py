@@ -14,6 +14,7 @@ from pathlib import Path
 
 from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
 from packit_sim.core.extras import MissingPackageError
+from packit_sim.core.files import exists
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.mesh_files import SUFFIXES, read, read_parts
@@ -176,16 +177,16 @@ def _rows(source: Path | str, unread: list[UnreadFile], notes: list[str]) -> Ite
     path = Path(source)
     count = 1
     match = _COUNTED.fullmatch(str(source))
-    if match and not path.exists():
+    if match and not exists(path):
         path, count = Path(match["path"]), int(match["count"])
         if count == 0:
             return
     before, _, behind = str(source).rpartition("=")
-    if before and not match and not path.exists() and Path(before).exists():
+    if before and not match and not exists(path) and exists(Path(before)):
         raise ArgumentError(
             f"{source}: {behind!r} is not a count: choose a number, as in {before}=4"
         )
-    if path.is_dir():
+    if exists(path) and path.is_dir():
         for file in _folder_files(path):
             yield ManifestRow(file, {"count": count})
     elif path.suffix.lower() in MANIFESTS:
@@ -194,7 +195,7 @@ def _rows(source: Path | str, unread: list[UnreadFile], notes: list[str]) -> Ite
         unread += [UnreadFile(where, reason) for where, reason in manifest.unread]
         for row in manifest.rows:
             yield replace(row, settings={**row.settings, "count": row.count * count})
-    elif path.exists() or not glob.has_magic(str(path)):
+    elif exists(path) or not glob.has_magic(str(path)):
         yield ManifestRow(path, {"count": count})
     else:
         files = sorted(glob.glob(str(path)))
@@ -216,7 +217,7 @@ def _raw_parts(
     copies: FileCopies, file: Path, split: bool, accuracy: float | None
 ) -> tuple[FileCopy, list[RawPart]]:
     """Read a file once: a copy of it, and its parts."""
-    if not file.exists():
+    if not exists(file):
         raise MeshError("there is no such file")
     contents: dict[str, bytes] = {}
     if split:

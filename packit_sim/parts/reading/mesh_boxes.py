@@ -10,6 +10,7 @@ from typing import Any
 import trimesh
 
 from packit_sim.core.errors import ArgumentError, MeshError
+from packit_sim.core.files import exists
 from packit_sim.core.length_units import Unit
 from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.packings.rotation_sets import FIXED
@@ -82,7 +83,7 @@ def _mesh_box(box: object, unit: Unit, count: int | None) -> MeshBox | None:
 
 def _read(file: Path, reading: ReadSettings) -> Part:
     """Read the one part of a file."""
-    if not file.exists():
+    if not exists(file):
         raise ArgumentError(f"container {str(file)!r}: there is no such file")
     found = find_parts([file], replace(reading, split=False, rotations=FIXED))
     if found.unread:
