@@ -191,7 +191,8 @@ def _order(bench: Bench, rng: np.random.Generator, mark: str) -> None:
         for each in bench.state()["files"]
         if rng.random() < 0.7
     ]
-    order = {"box": "30x30x30", "unit": "mm", "seconds": 0.3, "files": files}
+    box = str(rng.choice(["30x30x30", "cylinder:30x30"]))
+    order = {"box": box, "unit": "mm", "seconds": 0.3, "files": files}
     status, data, _ = bench.ask("POST", "/pack", json.dumps(order).encode())
     _expect(status, (200, 400, 409), data, "error")
 
@@ -202,7 +203,9 @@ def _bad_order(bench: Bench, rng: np.random.Generator, mark: str) -> None:
         f'{{"box": "{mark}"'.encode(),
         json.dumps({"box": "1x1x1", "unit": mark, "files": []}).encode(),
         b"[" * 1000,
-    ][rng.integers(4)]
+        json.dumps({"box": f"/etc/{mark}.stl", "unit": "mm", "files": []}).encode(),
+        json.dumps({"box": f"{mark * 1000}.stl", "unit": "mm", "files": []}).encode(),
+    ][rng.integers(6)]
     status, data, _ = bench.ask("POST", "/pack", body)
     _expect(status, (400, 409), data, "error")
 
