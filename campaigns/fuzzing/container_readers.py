@@ -12,6 +12,7 @@ from campaigns.fuzzing.json_changes import json_tree
 from campaigns.fuzzing.reader import Reader
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
+from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.mesh_containers import MeshContainer
@@ -71,7 +72,8 @@ def _records() -> list[bytes]:
     mesh = MeshContainer(ItemType("ring", ring.vertices, ring.faces))
     parts = [Part(f"cube {n}", creation.box((n, n, n)), count=2) for n in (2, 3)]
     records = []
-    for number, container in enumerate((CylinderContainer(9.0, 8.0), mesh)):
+    containers: list[Container] = [CylinderContainer(9.0, 8.0), mesh]
+    for number, container in enumerate(containers):
         packed = pack(parts, container, settings=PackSettings(workers=1, iterations=50))
         folder = world.folder() / f"verified-{number}"
         write_record(packed, check(packed), folder, {})

@@ -118,8 +118,8 @@ def _packings() -> list[bytes]:
     other[0, 3] = 5.0
     items = [{"mesh": "parts/box.stl", "pose": one.tolist()} for one in (pose, other)]
     content = {"box": [9, 8, 7], "unit": "mm", "items": items}
-    case = {"form": "mesh", "mesh": "parts/case.stl", "pose": Motion.shift((4.5, 4.5, 4.5)).matrix}
-    case["pose"] = case["pose"].tolist()
+    middle = Motion.shift((4.5, 4.5, 4.5)).matrix.tolist()
+    case = {"form": "mesh", "mesh": "parts/case.stl", "pose": middle}
     round_box = {"box": [9, 9, 7], "container": {"form": "cylinder"}}
     several = {"boxes": [[9, 8, 7], [9, 9, 9]], "containers": [None, case]}
     return [json.dumps(content | more).encode() for more in ({}, round_box, several)]
