@@ -102,7 +102,7 @@ def _npy(data: bytes) -> Iterator[Repetition]:
     head, body = data[10 : 10 + length], data[10 + length :]
     for one in text(head):
         yield wrapped(
-            "", one, lambda head: data[:8] + struct.pack("<H", len(head) % 65536) + head + body
+            "", one, lambda head: data[:8] + struct.pack("<H", min(len(head), 65535)) + head + body
         )
     yield repeated("values", data, body[-8:], b"")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +10,8 @@ import trimesh
 
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.triangle_trees import tree_order
+
+Value = TypeVar("Value", bound=np.generic)
 
 
 class Parts(NamedTuple):
@@ -89,6 +91,25 @@ def part_numbers(faces: Ints, vertices: int) -> Ints:
     edges = trimesh.geometry.faces_to_edges(faces)
     labels = trimesh.graph.connected_component_labels(edges, node_count=vertices)
     return np.unique(labels[faces[:, 0]], return_inverse=True)[1].astype(np.int64)
+
+
+def by_part(values: npt.NDArray[Value], part: Ints) -> list[npt.NDArray[Value]]:
+    """Divide what is given for each triangle, such as its corners, by the triangles' parts.
+
+    Parameters
+    ----------
+    values : ndarray, shape (m, ...)
+        What is given.
+    part : ndarray of int64, shape (m,)
+        The number of each triangle's part (see `part_numbers`).
+
+    Returns
+    -------
+    list of ndarray
+        What is given for the triangles of each part, in their order.
+    """
+    order = np.argsort(part, kind="stable")
+    return np.split(values[order], np.cumsum(np.bincount(part))[:-1])
 
 
 def closed_parts(faces: Ints, part: Ints) -> npt.NDArray[np.bool_]:

@@ -23,7 +23,7 @@ from packit_sim.core.files import naming
 from packit_sim.geometry.arrays import Ints
 from packit_sim.geometry.deviation import Surface
 from packit_sim.geometry.deviation_kernels import farthest
-from packit_sim.geometry.parts import part_numbers
+from packit_sim.geometry.parts import by_part, part_numbers
 from packit_sim.libraries.mesh_limits import check_instances
 
 SUFFIXES = (".step", ".stp")
@@ -212,9 +212,10 @@ def bodies(mesh: Any) -> list[trimesh.Trimesh]:
     points, numbers = np.unique(np.asarray(mesh.vertices) * MM, axis=0, return_inverse=True)
     faces: Ints = numbers.reshape(-1)[np.asarray(mesh.faces, dtype=np.int64)]
     parts = part_numbers(faces, len(points))
-    found = [trimesh.Trimesh(points, faces[parts == n], process=False) for n in np.unique(parts)]
-    for each in found:
-        each.remove_unreferenced_vertices()
+    found = []
+    for own in by_part(faces, parts):
+        used, corners = np.unique(own, return_inverse=True)
+        found.append(trimesh.Trimesh(points[used], corners.reshape(-1, 3), process=False))
     if any(not each.is_watertight or each.volume <= 0 for each in found):
         return [trimesh.Trimesh(points, faces, process=False)]
     return found

@@ -15,7 +15,7 @@ from packit_sim.core.errors import ArgumentError, located
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.motions import Motion
-from packit_sim.geometry.parts import part_numbers
+from packit_sim.geometry.parts import by_part, part_numbers
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.checked_meshes import checked_mesh
 from packit_sim.parts.packings.complements import CROSSES, complement
@@ -188,7 +188,7 @@ class MeshContainer:
         """The corners (p, 3) of the bounding boxes of the surface's connected parts."""
         numbers = part_numbers(self.mesh.faces, len(self.mesh.vertices))
         corners = (self.mesh.vertices - self.mesh.low)[self.mesh.faces]
-        own = [corners[numbers == n].reshape(-1, 3) for n in range(numbers.max() + 1)]
+        own = [each.reshape(-1, 3) for each in by_part(corners, numbers)]
         return np.array([c.min(axis=0) for c in own]), np.array([c.max(axis=0) for c in own])
 
     @cached_property

@@ -23,7 +23,7 @@ from packit_sim.core.plain_text import plain_line
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.motions import Motion
-from packit_sim.geometry.parts import part_numbers
+from packit_sim.geometry.parts import by_part, part_numbers
 from packit_sim.geometry.winding import winding_numbers
 from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.parts.filling.packed import PackedParts
@@ -158,8 +158,7 @@ def _is_around_part_of(placed: _Placed, wall: _Placed) -> bool:
     """Return whether a connected part of a wall that does not cross a part is inside it."""
     faces = np.asarray(wall.original.mesh.faces, dtype=np.int64)
     numbers = part_numbers(faces, len(wall.original.mesh.vertices))
-    for number in range(numbers.max() + 1):
-        corners = wall.vertices[faces[numbers == number]]
+    for corners in by_part(wall.vertices[faces], numbers):
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         if (placed.low <= low).all() and (high <= placed.high).all():
             triangles = np.asarray(placed.vertices)[np.asarray(placed.original.mesh.faces)]
@@ -259,7 +258,7 @@ class _Original:
         faces = np.asarray(self.mesh.faces, dtype=np.int64)
         numbers = part_numbers(faces, len(self.mesh.vertices))
         middles = np.asarray(self.mesh.triangles_center) * self._drawn(1)
-        groups = [middles[numbers == n] for n in range(numbers.max() + 1)]
+        groups = by_part(middles, numbers)
         return [own[np.linspace(0, len(own) - 1, SAMPLES).astype(int)] for own in groups]
 
     @cached_property
