@@ -166,6 +166,8 @@ def _mixed(data: bytes) -> Iterator[Repetition]:
 _FORMATS: dict[str, _Kinds] = {
     "parts-csv": text,
     "parts-xlsx": _archive(xml),
+    "boxes": text,
+    "containers": text,
     "library-meshes": _archive(_npy),
     "libraries": _library,
     "3mf": _archive(xml),
