@@ -7,6 +7,7 @@ import numpy as np
 from packit_sim.geometry.arrays import Ints
 from packit_sim.parts.nesting.cell_filling import cell_side, filled_cells, settle_all
 from packit_sim.parts.nesting.cell_separation import CellSeparation
+from packit_sim.parts.nesting.compaction import compact
 from packit_sim.parts.nesting.filling import constructed, loaded
 from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.search import Attempt, NestSearch
@@ -123,6 +124,7 @@ class CellStripSearch(NestSearch):
         """Return the solution of poses after all items have settled."""
         state = loaded(problem, self._task, poses, boxes_of([self._task.size]))
         settle_all(problem, self._task, state, self._rng, self._budget)
+        compact(problem, self._task, state, self._task.settings.compacting_moves, self._budget)
         return self._solution(problem, Poses.of(state))
 
     def _solution(self, problem: Problem, poses: Poses) -> Solution:
