@@ -56,6 +56,7 @@ class CellStripSearch(NestSearch):
         self._side = 0.0
         self._failures = 0
         self._more = 0  # cells by which a strip may be higher on the grid
+        self._is_compact = False  # whether all items of the best strip have moved at once
         self._spent = 0.0  # the share of the search in which the first construction settled
         self._is_rebuilt = False
 
@@ -101,8 +102,12 @@ class CellStripSearch(NestSearch):
             self._offer(problem, solution)
             height = solution.score[0]
         if height < best.score[0] * (1 - LEAST_GAIN):
+            self._is_compact = False
             self._more -= 1
             self._failures = 0
+            return
+        if not self._is_compact:
+            self._compact(problem)
             return
         self._more = min(self._more + 1, MOST_MORE)
         self._failures += 1
@@ -110,6 +115,15 @@ class CellStripSearch(NestSearch):
             self._failures = 0
             side = self._side * self._task.settings.smaller_cells
             self._side = max(side, LEAST_SIDE * cell_side(problem, self._task))
+
+    def _compact(self, problem: Problem) -> None:
+        """Move all items of the best strip at once, which single ones did not make lower."""
+        task = self._task
+        assert self.best is not None
+        state = loaded(problem, task, self.best.poses, boxes_of([task.size]))
+        compact(problem, task, state, task.settings.compacting_moves, self._budget)
+        self._offer(problem, self._solution(problem, Poses.of(state)))
+        self._is_compact = True
 
     def _order(self, problem: Problem, shuffle: float) -> Ints:
         """Return the items, the large and thick ones first: they find no place later."""
@@ -124,7 +138,6 @@ class CellStripSearch(NestSearch):
         """Return the solution of poses after all items have settled."""
         state = loaded(problem, self._task, poses, boxes_of([self._task.size]))
         settle_all(problem, self._task, state, self._rng, self._budget)
-        compact(problem, self._task, state, self._task.settings.compacting_moves, self._budget)
         return self._solution(problem, Poses.of(state))
 
     def _solution(self, problem: Problem, poses: Poses) -> Solution:
