@@ -1,114 +1,89 @@
-"""Compaction: drops and slides solved by hand, and no crossing items."""
+"""Compaction lowers strips where no single item can go down, and leads to no conflict."""
 
-from __future__ import annotations
-
-import json
-from itertools import combinations
-from pathlib import Path
+import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from typer.testing import CliRunner
+import trimesh
 
-from packit_sim.box import Box
-from packit_sim.cli.app import app
-from packit_sim.core.errors import PackFormatError
-from packit_sim.engine.collision_meshes import LooseMesh
-from packit_sim.engine.compaction import GAP, Compacted, compact, drops
-from packit_sim.engine.sweeping import surface
-from packit_sim.game.datasets.pack_files import write_packs
-from packit_sim.geometry.lattice import CONTACT_TOLERANCE
-from packit_sim.geometry.shapes import Item
-from tests.examples import examples
-from tests.runs import rollout
-from tests.zoo import BALL, BOWL, ZOO, cube_of, fill, random_item
-
-NEAR = 2 * CONTACT_TOLERANCE
-"""Box units: collision meshes are drawn in."""
+from packit_sim import ItemType
+from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.nesting.build import build
+from packit_sim.parts.nesting.cell_filling import filled_cells, settle_all
+from packit_sim.parts.nesting.compaction import compact
+from packit_sim.parts.nesting.filling import loaded
+from packit_sim.parts.nesting.problem import boxes_of
+from packit_sim.parts.nesting.settling_kernels import count_conflicts
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
+from tests.test_cells import shapes
 
 
-def crossing(found: Compacted) -> list[tuple[int, int]]:
-    """Pairs whose collision meshes cross where they ended."""
-    meshes = []
-    for placed, center in zip(found.placed, found.centers, strict=True):
-        corners = surface(placed.item).triangles + center
-        numbers = np.arange(3 * len(corners)).reshape(-1, 3)
-        meshes.append(LooseMesh(corners.reshape(-1, 3), numbers))
-    pairs = combinations(range(len(meshes)), 2)
-    return [(i, j) for i, j in pairs if meshes[i].crosses(meshes[j])]
+def block(x: float, y: float, z: float) -> ItemType:
+    mesh = trimesh.creation.box((x, y, z))
+    return ItemType(f"{x} x {y} x {z}", mesh.vertices, mesh.faces, rotations="fixed")
 
 
-def test_a_stack_of_cubes_comes_down_to_the_corner() -> None:
-    """Cubes of 10 cells, of which a step of the grid leaves 2 between each two."""
-    box = Box()
-    for level in range(3):
-        box.place(cube_of(10), (1, 2, 1 + 3 * level))
-    assert drops(box) == pytest.approx([0.04, 0.02, 0.02], abs=NEAR)
-    found = compact(box)
-    low = found.centers - 0.05
-    assert low[:, 2] == pytest.approx([0, 0.1, 0.2], abs=3 * NEAR)
-    assert low[:, :2] == pytest.approx(0, abs=NEAR)
-    assert found.converged
-    assert found.filled[1] == pytest.approx(1, abs=0.01) and found.filled[0] < 0.4
-    assert found.height == pytest.approx((0.38, 0.3), abs=3 * NEAR)
-    assert crossing(found) == []
+def wedge() -> ItemType:
+    """A prism that stands on its edge, 1 wide and 1.5 high."""
+    corners = [(x, y, z) for y in (-1, 1) for x, z in ((0, -0.75), (-0.5, 0.75), (0.5, 0.75))]
+    mesh = trimesh.Trimesh(corners).convex_hull
+    return ItemType("wedge", mesh.vertices, mesh.faces, rotations="fixed")
 
 
-def test_a_ball_comes_down_into_a_bowl() -> None:
-    """Its lowest point to the bowl's, where the bounding boxes overlap by far."""
-    bowl, ball = Item(BOWL, 1.0), Item(BALL, 0.02)
-    box = Box()
-    box.place(bowl, (0, 0, 0))
-    middle = (np.array(bowl.cells) - ball.cells)[:2] // 8
-    level = next(k for k in range(25) if box.is_feasible(ball, (*middle.tolist(), k)))
-    box.place(ball, (*middle.tolist(), level + 3))
-    assert drops(box)[1] > 0.12
-    found = compact(box)
-    assert crossing(found) == []
-    assert found.centers[1, 2] < box.placed[1].center[2] - 0.12
-    assert found.centers[1, 2] + GAP > ball.extents[2] / 2
+@pytest.mark.parametrize("clearance", [0.0, 0.05])
+def test_a_wedge_goes_down_between_blocks_that_go_aside(clearance: float) -> None:
+    types = [block(1, 2, 1), block(1, 2, 0.99), wedge()]
+    problem = build(types, 4.0, clearance, by_cells=True, has_fields=False)
+    task = SearchTask(np.arange(3), np.ones(3), np.ones(3), ((4.0, 2.0, math.inf),))
+    places = np.array([(1.35, 1, 0.5), (2.65, 1, 0.5), (2, 1, 1.8)])
+    poses = Poses(np.ones(3), np.zeros(3, int), places)
+    state = loaded(problem, task, poses, boxes_of([task.size]))
+    settle_all(problem, task, state, np.array([1], np.uint64))
+    assert state.places[2, 2] > 1.25  # its edge is between the blocks, which can't go lower
+    compact(problem, task, state, 30)
+    assert count_conflicts(problem, state) == 0
+    assert state.places[2, 2] == pytest.approx(0.75 + 1.5 * clearance, abs=0.1)
 
 
-def test_what_is_together_stays() -> None:
-    box = Box()
-    box.place(cube_of(20), (0, 0, 0))
-    box.place(cube_of(20), (5, 0, 0))
-    found = compact(box)
-    assert np.abs(found.shifts).max() < NEAR
-    assert (found.rounds, found.converged) == (1, True)
-    empty = compact(Box())
-    assert (empty.filled, empty.rounds, empty.converged) == ((0.0, 0.0), 0, True)
+@pytest.mark.parametrize("clearance", [0.0, 0.08])
+def test_strips_get_lower_without_a_conflict_and_obstacles_stay(clearance: float) -> None:
+    types = shapes(18)
+    post = trimesh.creation.box((0.5, 0.5, 6)).apply_translation((0.25, 0.25, 3))
+    types.append(ItemType("post", post.vertices, post.faces, rotations="fixed"))
+    problem = build(types, 4.4, clearance, by_cells=True, has_fields=False)
+    task = SearchTask(
+        np.arange(19),
+        np.ones(18),
+        np.ones(18),
+        ((4.4, 4.2, math.inf),),
+        obstacles=np.array([(0.25, 0.25, 3.0)]),
+    )
+    boxes = boxes_of([task.size])
+    poses = filled_cells(problem, task, task.unplaced, boxes, np.arange(18))
+    assert poses.inside.all()
+    heights, state = [math.inf], loaded(problem, task, poses, boxes)
+
+    def lowest() -> Floats:
+        boxes = problem.lookup.boxes[state.types[:18], state.turned[:18]]
+        return (state.places[:18] + boxes[:, :3]).min(axis=0)
+
+    walls = lowest()
+    for _ in range(4):
+        heights.append(state.bounds[:18, 5].max())
+        assert heights[-1] <= heights[-2] and count_conflicts(problem, state) == 0
+        assert (lowest() >= np.minimum(walls, 0) - 1e-9).all()
+        assert state.places[18].tolist() == [0.25, 0.25, 3.0]
+        compact(problem, task, state, 1)
+    assert heights[-1] < 0.98 * heights[1]
 
 
-@examples(5)
-@given(st.integers(0, 2**32 - 1))
-def test_nothing_crosses_and_nothing_rises(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    box = Box((48, 48, 48))
-    fill(box, [random_item(ZOO, 0.2, rng) for _ in range(6)], rng)
-    found = compact(box)
-    assert (found.shifts <= 1e-12).all()
-    assert crossing(found) == []
-    halves = np.array([placed.item.extents / 2 for placed in found.placed])
-    assert (found.centers - halves > -1e-9).all()
-    assert found.filled[1] >= found.filled[0] - 1e-9
-
-
-def test_the_command_prints_the_regained_volume(tmp_path: Path) -> None:
-    out = tmp_path / "deep" / "settled.json"
-    write_packs(tmp_path / "packs.jsonl", [rollout("a/b/c", 0, 10).pack])
-    packs = str(tmp_path / "packs.jsonl")
-    done = CliRunner().invoke(app, ["compact", packs, "--limit", "1", "--out", str(out)])
-    assert done.exit_code == 0, done.output
-    (row,) = json.loads(out.read_text())["each"]
-    assert row["filled, pushed"] > row["filled"] and row["regained"] > 0
-    assert row["mean drop"] > 0 and row["height, pushed"] <= row["height"]
-    assert "regained" in done.output and "a/b/c" in done.output
-
-
-def test_the_command_refuses_what_is_no_dataset() -> None:
-    done = CliRunner().invoke(app, ["compact", "nowhere"])
-    assert isinstance(done.exception, PackFormatError)
-    assert "starter" in str(done.exception)
+def test_items_stay_when_it_is_late() -> None:
+    types = [block(1, 1, 1)]
+    problem = build(types, 4.0, 0.0, by_cells=True, has_fields=False)
+    task = SearchTask(np.arange(1), np.ones(1), np.ones(1), ((4.0, 4.0, math.inf),))
+    poses = Poses(np.ones(1), np.zeros(1, int), np.array([(1.0, 1.0, 3.0)]))
+    state = loaded(problem, task, poses, boxes_of([task.size]))
+    compact(problem, task, state, 5, SearchBudget(9.0, latest=0.0))
+    assert state.places[0, 2] >= 3.0 - 0.04 - 1e-9
+    compact(problem, task, state, 200)
+    assert state.places[0, 2] == pytest.approx(0.5, abs=1e-6)

@@ -7,6 +7,7 @@ import numpy as np
 from packit_sim.geometry.arrays import Ints
 from packit_sim.parts.nesting.cell_filling import cell_side, filled_cells, settle_all
 from packit_sim.parts.nesting.cell_separation import CellSeparation
+from packit_sim.parts.nesting.compaction import compact
 from packit_sim.parts.nesting.filling import constructed, loaded
 from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.search import Attempt, NestSearch
@@ -55,6 +56,7 @@ class CellStripSearch(NestSearch):
         self._side = 0.0
         self._failures = 0
         self._more = 0  # cells by which a strip may be higher on the grid
+        self._is_compact = False  # whether all items of the best strip have moved at once
         self._spent = 0.0  # the share of the search in which the first construction settled
         self._is_rebuilt = False
 
@@ -100,8 +102,12 @@ class CellStripSearch(NestSearch):
             self._offer(problem, solution)
             height = solution.score[0]
         if height < best.score[0] * (1 - LEAST_GAIN):
+            self._is_compact = False
             self._more -= 1
             self._failures = 0
+            return
+        if not self._is_compact:
+            self._compact(problem)
             return
         self._more = min(self._more + 1, MOST_MORE)
         self._failures += 1
@@ -109,6 +115,15 @@ class CellStripSearch(NestSearch):
             self._failures = 0
             side = self._side * self._task.settings.smaller_cells
             self._side = max(side, LEAST_SIDE * cell_side(problem, self._task))
+
+    def _compact(self, problem: Problem) -> None:
+        """Move all items of the best strip at once, which single ones did not make lower."""
+        task = self._task
+        assert self.best is not None
+        state = loaded(problem, task, self.best.poses, boxes_of([task.size]))
+        compact(problem, task, state, task.settings.compacting_moves, self._budget)
+        self._offer(problem, self._solution(problem, Poses.of(state)))
+        self._is_compact = True
 
     def _order(self, problem: Problem, shuffle: float) -> Ints:
         """Return the items, the large and thick ones first: they find no place later."""

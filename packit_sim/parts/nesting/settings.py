@@ -59,6 +59,8 @@ class SearchSettings:
         Steps aside that it tries for each straight one.
     settling_sweeps : int
         Most sweeps over all items.
+    compacting_moves : int
+        Most moves of all items at once after they have settled.
     construction_samples : int
         Samples for each item of a construction.
     construction_seconds : float
@@ -150,6 +152,7 @@ class SearchSettings:
     settling_steps: tuple[float, float] = (1.0, 0.04)
     settling_tries: int = 4
     settling_sweeps: int = 3
+    compacting_moves: int = 3
     construction_samples: int = 150
     construction_seconds: float = 5.0
     samples: int = 90
