@@ -33,7 +33,6 @@ from packit_sim.geometry.items import ItemInBox, PlacedItem, triangles
 from packit_sim.geometry.lattice import CELL, FINE_PER_CELL, STEP
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxelization import lattice_cells
-from packit_sim.geometry.voxels import unpack
 
 COLUMNS_BUDGET = 64 * 2**20
 """Bytes in the process's cache of items' columns."""
@@ -218,12 +217,5 @@ def _column_tops(other: ItemInBox) -> tuple[tuple[int, int], int, Heights, Heigh
 def _off_grid_tops(other: ItemInBox) -> tuple[tuple[int, int], int, Heights, Heights]:
     start, touched, reached = lattice_cells(triangles(other))
     x, y, z = (start * FINE_PER_CELL).tolist()
-    outer = unpack(~reached)
-    inner = unpack(~(touched | reached))
-    return (x, y), z, _highest(outer), _highest(inner)
-
-
-def _highest(cells: Mask) -> Heights:
-    """Return the tops of the highest cells in columns of bool (x, y, z)."""
-    tops = cells.shape[2] - np.argmax(cells[:, :, ::-1], axis=2).astype(np.int32)
-    return np.where(cells.any(axis=2), tops, -NONE).astype(np.int32)
+    (_, high), (_, inner_high) = column_ends(~reached), column_ends(~(touched | reached))
+    return (x, y), z, high, inner_high

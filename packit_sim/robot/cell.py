@@ -10,6 +10,7 @@ import numpy as np
 from packit_sim.core.checks import POSITIVE, Range, check_settings
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.settings import PhysicsSettings
@@ -148,8 +149,8 @@ class RobotCell:
     reachable: bool = True
     open_loop: bool = False
     seed: int = 0
-    speed: float = 0.5
-    acceleration: float = 2.0
+    speed: float = 1.0
+    acceleration: float = 4.0
     clearance: float = 0.02
     gap: float = 0.0005
     decomposition: DecompositionSettings = field(default_factory=DecompositionSettings)
@@ -192,6 +193,12 @@ class RobotCell:
         x, y, _ = self.size(cells)
         longest = 0.5 * float(max(self.size(cells)))
         return np.array((x / 2, y + WALL * self.edge + STATION_SIDE + longest, 0.0))
+
+    def holds(self, cells: Triple, posed: PosedItem) -> bool:
+        """Decide whether an item is wholly inside a box, below its rim (see `INSIDE`)."""
+        slack = INSIDE / self.edge
+        vertices = posed.vertices
+        return bool((vertices >= -slack).all() and (vertices <= np.array(cells) * CELL + slack).all())
 
     def check_payload(self, name: str, volume: float) -> None:
         """Raise ArgumentError if an item of a volume in cubic box units is too heavy."""

@@ -111,13 +111,16 @@ def execute(
     pieces, _ = fitted_pieces([*before, planned], settings)
     size = np.array(cells) / 100
     with ArmWorld(size, settings, arm.urdf) as world:
-        for posed, own in zip(before, pieces[:-1], strict=True):
+        resting = [
             world.add(own, cell.mass(posed.item.volume))
+            for posed, own in zip(before, pieces[:-1], strict=True)
+        ]
         moved = [piece.moved(to_start.rotation, to_start.translation) for piece in pieces[-1]]
         item = world.present(moved, cell.mass(planned.item.volume))
-        run = _Run(world, cell, [*before, start], numbers)
         points = _waypoints(before, start, planned, grasp, cell, cells)
+        world.sleep(resting, True)
         world.start_at(points.home)
+        run = _Run(world, cell, [*before, start], numbers)
         run.drive_to(points.over_pick, points.pick)
         world.grip(item)
         run.held_from()
@@ -129,6 +132,7 @@ def execute(
         if not run.drive_to(points.lifted, points.over_place, points.place, most=most):
             outcome = Outcome.LOST
         world.collide(item, True)
+        world.sleep(resting, False)
         world.let_go()
         run.held_until()
         run.drive_to(points.place if outcome is Outcome.PLACED else None, points.retreat)
@@ -198,7 +202,7 @@ def composed(frames: Floats, motion: Motion) -> Floats:
         Translations and unit quaternions w, x, y, z.
     """
     turns = Rotation.from_quat(frames[:, 3:])
-    shifts = frames[:, :3] + turns.apply(motion.translation)
+    shifts = frames[:, :3] + turns.apply(np.array(motion.translation))
     x, y, z, w = (turns * Rotation.from_quat(motion.xyzw)).as_quat().T
     return np.column_stack((shifts, w, x, y, z))
 

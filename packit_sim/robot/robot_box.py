@@ -20,7 +20,7 @@ from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.world import require_engine
 from packit_sim.placement import Mask, Occupancy, checked_location
 from packit_sim.robot.arms import Arm
-from packit_sim.robot.cell import INSIDE, RobotCell
+from packit_sim.robot.cell import RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, Outcome
 from packit_sim.robot.execution import Execution, execute, presented
 from packit_sim.robot.grasps import best_grasp
@@ -170,7 +170,7 @@ class RobotBox(BaseBox[Any]):
         )
         now = [*self._tried, new]
         for n, posed in zip([*there, number], done.posed, strict=True):
-            now[n] = replace(now[n], posed=posed, inside=self._is_inside(posed))
+            now[n] = replace(now[n], posed=posed, inside=self.cell.holds(self.cells, posed))
         self._show(now)
 
     def _show(self, items: Sequence[ExecutedItem]) -> None:
@@ -192,17 +192,11 @@ class RobotBox(BaseBox[Any]):
         return posed.moved(Motion.shift((0.0, 0.0, -max(min(below), 0.0))))
 
     def _is_free(self, candidate: PlacedItem, actual: Sequence[PosedItem]) -> bool:
-        """Decide whether an item meets no other on its way down, where they really are."""
-        return placement.is_valid(self.cells, actual, candidate) and placement.is_insertable(
-            actual, candidate
-        )
+        """Decide whether a feasible item meets no other on its way down, where they really are."""
+        is_valid = not self.cell.open_loop or placement.is_valid(self.cells, actual, candidate)
+        return is_valid and placement.is_insertable(actual, candidate)
 
     def _is_there(self, posed: PosedItem) -> bool:
         """Return whether an item is in or above the box: others are cleared away."""
         x, y, _ = posed.center
         return bool(0 <= x <= self.size[0] and 0 <= y <= self.size[1])
-
-    def _is_inside(self, posed: PosedItem) -> bool:
-        slack = INSIDE / self.cell.edge
-        vertices = posed.vertices
-        return bool((vertices >= -slack).all() and (vertices <= self.size + slack).all())

@@ -124,6 +124,18 @@ class ArmWorld(World):
             self._items[item].number, -1, group, everything, physicsClientId=self._client
         )
 
+    def sleep(self, items: Sequence[int], enabled: bool) -> None:
+        """Let items at rest sleep until something touches them, or keep them awake."""
+        state = (
+            self._pybullet.ACTIVATION_STATE_SLEEP
+            if enabled
+            else self._pybullet.ACTIVATION_STATE_DISABLE_SLEEPING
+        )
+        for item in items:
+            self._pybullet.changeDynamics(
+                self._items[item].number, -1, activationState=state, physicsClientId=self._client
+            )
+
     def grip(self, item: int) -> None:
         """Attach an item to the tool where both are, and open the fixture."""
         body = self._items[item].number
