@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -178,6 +178,22 @@ class Rules:
         """The indices of the rotations that items may have."""
         return range(_ROTATIONS[self.rotations])
 
+    def check_items(self, cells: Triple, items: Sequence[Item]) -> None:
+        """Check, before anything is simulated, that an arm can pack items.
+
+        Parameters
+        ----------
+        cells : tuple of int
+            Cells of the task's box along x, y and z.
+
+        Raises
+        ------
+        ArgumentError
+            If the arm can't reach the box, or lift an item.
+        """
+        if self.robot is not None:
+            self.new_box(cells).check(items)
+
     def by_alignment(self, item: Item) -> tuple[Item, ...]:
         """Return an item in the allowed rotations, in the order of alignment.
 
@@ -194,7 +210,7 @@ class Rules:
         allowed = self.allowed_rotations
         return tuple(turned for turned in item.by_alignment if turned.rotation in allowed)
 
-    def new_box(self, cells: Triple) -> BaseBox[Any]:
+    def new_box(self, cells: Triple) -> Any:
         """Create an empty box to pack by these rules.
 
         Parameters
