@@ -192,7 +192,9 @@ class Rules:
             If the arm can't reach the box, or lift an item.
         """
         if self.robot is not None:
-            self.new_box(cells).check(items)
+            from packit_sim.robot.robot_box import RobotBox  # loads PyBullet
+
+            RobotBox(self.cells or cells, self.robot).check(items)
 
     def by_alignment(self, item: Item) -> tuple[Item, ...]:
         """Return an item in the allowed rotations, in the order of alignment.
@@ -210,7 +212,7 @@ class Rules:
         allowed = self.allowed_rotations
         return tuple(turned for turned in item.by_alignment if turned.rotation in allowed)
 
-    def new_box(self, cells: Triple) -> Any:
+    def new_box(self, cells: Triple) -> BaseBox[Any]:
         """Create an empty box to pack by these rules.
 
         Parameters

@@ -198,7 +198,9 @@ class RobotCell:
         """Decide whether an item is wholly inside a box, below its rim (see `INSIDE`)."""
         slack = INSIDE / self.edge
         vertices = posed.vertices
-        return bool((vertices >= -slack).all() and (vertices <= np.array(cells) * CELL + slack).all())
+        return bool(
+            (vertices >= -slack).all() and (vertices <= np.array(cells) * CELL + slack).all()
+        )
 
     def check_payload(self, name: str, volume: float) -> None:
         """Raise ArgumentError if an item of a volume in cubic box units is too heavy."""

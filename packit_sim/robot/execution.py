@@ -65,7 +65,7 @@ def presented(planned: PosedItem, cell: RobotCell, cells: Triple, number: int) -
     """
     rng = np.random.default_rng((cell.seed, number))
     yaw = rng.uniform(-math.pi, math.pi)
-    x, y, _ = (cell.station(cells) + (*rng.uniform(-JITTER, JITTER, 2), 0.0)) / cell.edge
+    x, y = (cell.station(cells)[:2] + rng.uniform(-JITTER, JITTER, 2)) / cell.edge
     cosine, sine = math.cos(yaw), math.sin(yaw)
     turn = Motion(np.array(((cosine, -sine, 0), (sine, cosine, 0), (0, 0, 1))))
     bottom = float(planned.center[2] - planned.vertices[:, 2].min())

@@ -77,12 +77,7 @@ def flat_discs(heights, order, radius, spacing, compliance, slope, most):
         if count == most:
             break
         x, y = order[n]
-        if (
-            x < reach
-            or y < reach
-            or x + reach >= heights.shape[0]
-            or y + reach >= heights.shape[1]
-        ):
+        if x < reach or y < reach or x + reach >= heights.shape[0] or y + reach >= heights.shape[1]:
             continue
         total = along_x = along_y = square = 0.0
         points = 0

@@ -42,8 +42,6 @@ def straight(start: Floats, end: Floats, cell: RobotCell, step: float) -> Floats
     gone = np.where(
         times < ramp,
         cell.acceleration * times**2 / 2,
-        np.where(
-            left < ramp, length - cell.acceleration * left**2 / 2, top * (times - ramp / 2)
-        ),
+        np.where(left < ramp, length - cell.acceleration * left**2 / 2, top * (times - ramp / 2)),
     )
     return np.asarray(start + (gone / length)[:, None] * (end - start))

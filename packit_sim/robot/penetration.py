@@ -17,7 +17,7 @@ from packit_sim.physics.penetration import DEPTHS, DIRECTIONS
 from packit_sim.placement import LooseMesh
 from packit_sim.robot.arms import CUP, Arm, box_shift
 from packit_sim.robot.cell import WALL, RobotCell
-from packit_sim.robot.trajectory import Attempt, Trajectory
+from packit_sim.robot.trajectory import Trajectory
 
 _SIDES = 48
 """Sides of the prism around a cup."""
@@ -50,17 +50,22 @@ class _There:
     def bounds(self) -> Floats:
         return self.body.bounds(self.pose)
 
-    def depth(self, other: _There) -> float:
-        """Return an upper bound of the depth of an overlap; 0 without one, inf if none is known."""
+    def depth(self, other: _There, known: float) -> float:
+        """Return an upper bound of the depth of an overlap, or of a known one if that is deeper.
+
+        It is inf if no shift separates the two.
+        """
         low, high = self.bounds
         other_low, other_high = other.bounds
         if (low > other_high).any() or (other_low > high).any():
-            return 0.0
+            return known
         between = other.pose.seen_from(self.pose)
         mesh, turn = self.body.mesh, np.ascontiguousarray(between.rotation)
         if not mesh.crosses(other.body.mesh, between.translation, turn):
-            return 0.0
+            return known
         for depth in DEPTHS:
+            if depth < known:
+                continue
             shifts = (between.translation + depth * towards for towards in DIRECTIONS)
             if not all(mesh.crosses(other.body.mesh, shift, turn) for shift in shifts):
                 return depth
@@ -84,8 +89,10 @@ def largest_penetration(trajectory: Trajectory) -> float:
     """
     cell = trajectory.cell
     surroundings = [_There(body, Motion()) for body in _surroundings(cell, trajectory)]
-    links = [(box, _Body(trimesh.creation.box(np.array(box.size) / cell.edge)))
-             for box in Arm.of(cell).boxes]
+    links = [
+        (box, _Body(trimesh.creation.box(np.array(box.size) / cell.edge)))
+        for box in Arm.of(cell).boxes
+    ]
     bodies = [_Body(one.chosen.item.turned(0).mesh) for one in trajectory.attempts]
     known: dict[int, _There] = {}
     deepest = 0.0
@@ -113,10 +120,11 @@ def largest_penetration(trajectory: Trajectory) -> float:
             others = [there for n, there in known.items() if not (is_held and n == number)]
             if is_held:
                 held = known[number]
-                deepest = max([deepest, *(held.depth(other) for other in [*others, *surroundings])])
+                for other in (*others, *surroundings):
+                    deepest = held.depth(other, deepest)
                 others.append(held)
-            for one in moving:
-                deepest = max([deepest, *(one.depth(other) for other in [*others, *surroundings])])
+            for one, other in product(moving, (*others, *surroundings)):
+                deepest = one.depth(other, deepest)
     return deepest
 
 

@@ -167,7 +167,9 @@ class Trajectory:
                     raise PackFormatError(f"array {name}_{n} is {array.dtype} {array.shape}")
             item = Item(shape(record.shape), record.scale, record.rotation)
             planned = posed(item, record.planned)
-            recording = Recording(own["joints"], record.held, record.radius, own["rows"], own["poses"])
+            recording = Recording(
+                own["joints"], record.held, record.radius, own["rows"], own["poses"]
+            )
             chosen = PlacedItem(item, record.location)
             attempts.append(Attempt(chosen, planned, record.outcome, recording))
         return cls(head.cell, head.cells, tuple(attempts))

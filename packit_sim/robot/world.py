@@ -167,7 +167,7 @@ class ArmWorld(World):
 
     @property
     def poses(self) -> Floats:
-        """Where the bodies are in PyBullet, (n, 7): position in box units, quaternion x, y, z, w."""
+        """Where the bodies are: (n, 7), position in box units and quaternion x, y, z, w."""
         found = np.empty((len(self._items), 7))
         for n, item in enumerate(self._items):
             found[n, :3], found[n, 3:] = self._pybullet.getBasePositionAndOrientation(

@@ -15,7 +15,6 @@ from typing import Any, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.box import BaseBox
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer
 from packit_sim.core.debugging import is_checking
@@ -152,7 +151,7 @@ class Episode:
     def __init__(self, task: Task, rules: Rules = PACKIT) -> None:
         self.task = ordered(task, rules)
         self.rules = rules
-        self.box: BaseBox[Any] = rules.new_box(task.cells)
+        self.box = rules.new_box(task.cells)
         rules.check_items(task.cells, task.items)
         self.outside: npt.NDArray[np.bool_] = np.ones(len(task.items), dtype=bool)
         self.stage = Stage.SHAPE
