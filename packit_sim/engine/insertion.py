@@ -213,7 +213,13 @@ def _column_tops(other: ItemInBox) -> tuple[tuple[int, int], int, Heights, Heigh
     return _off_grid_tops(other)
 
 
-@lru_cache(maxsize=256)
+@bounded_cache(
+    "columns off the grid",
+    COLUMNS_BUDGET,
+    "bytes",
+    size=lambda tops: 2 * tops[2].nbytes,
+    key=lambda posed: (posed.item.key, posed.matrix.tobytes()),
+)
 def _off_grid_tops(other: ItemInBox) -> tuple[tuple[int, int], int, Heights, Heights]:
     start, touched, reached = lattice_cells(triangles(other))
     x, y, z = (start * FINE_PER_CELL).tolist()

@@ -130,7 +130,7 @@ class RobotCell:
 
     Examples
     --------
-    >>> from packit_sim.robot.cell import RobotCell
+    >>> from packit_sim import RobotCell
     >>> cell = RobotCell(edge=0.4)
     >>> round(cell.gripper.payload(0.016), 2)  # kg
     2.46

@@ -7,9 +7,11 @@ import io
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
@@ -104,7 +106,8 @@ class Trajectory:
 
     def to_bytes(self) -> bytes:
         """Write a NumPy archive (.npz): "head", JSON in UTF-8, and the arrays of each recording."""
-        records, arrays = [], {}
+        records = []
+        arrays: dict[str, npt.NDArray[Any]] = {}
         for n, one in enumerate(self.attempts):
             item, pose, own = one.chosen.item, one.planned.pose, one.recording
             records.append(
@@ -122,7 +125,8 @@ class Trajectory:
             arrays |= {f"{name}_{n}": getattr(own, name) for name in _ARRAYS}
         head = typed_json.encode(_Head(FORMAT, self.cells, self.cell, tuple(records))).encode()
         file = io.BytesIO()
-        np.savez_compressed(file, head=np.frombuffer(head, dtype=np.uint8), **arrays)
+        arrays["head"] = np.frombuffer(head, dtype=np.uint8)
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type] # one name is of a bool
         return file.getvalue()
 
     @classmethod

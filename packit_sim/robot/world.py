@@ -185,8 +185,7 @@ class ArmWorld(World):
     def _constraint(self, body: int, link: int, where: Motion, arm: int | None = None) -> int:
         """Fix a body to a link, or to the world: where it is in the link's frame."""
         parent, child = (body, -1) if arm is None else (arm, body)
-        frames = ([0, 0, 0], where.translation.tolist())
-        turns = ([0, 0, 0, 1], list(where.xyzw))
+        frames, turns = [np.zeros(3), where.translation], [(0.0, 0.0, 0.0, 1.0), where.xyzw]
         if arm is not None:
             frames, turns = frames[::-1], turns[::-1]
         number: int = self._pybullet.createConstraint(
@@ -196,7 +195,7 @@ class ArmWorld(World):
             -1,
             self._pybullet.JOINT_FIXED,
             [0, 0, 0],
-            *frames,
+            *(frame.tolist() for frame in frames),
             *turns,
             physicsClientId=self._client,
         )
