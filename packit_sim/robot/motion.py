@@ -20,8 +20,8 @@ def straight(start: Floats, end: Floats, cell: RobotCell, step: float) -> Floats
 
     Parameters
     ----------
-    start, end : ndarray of float64, shape (4,)
-        The joints x, y, z in m and the wrist in radians.
+    start : ndarray of float64, shape (4,)
+        The joints x, y, z in m and the wrist in radians, as also in `end`.
     step : float
         Time step, s.
 
