@@ -34,8 +34,11 @@ from packit_sim.geometry.lattice import CELL, FINE_PER_CELL, STEP
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxelization import lattice_cells
 
-COLUMNS_BUDGET = 64 * 2**20
+COLUMNS_BUDGET = 48 * 2**20
 """Bytes in the process's cache of items' columns."""
+
+OFF_GRID_COLUMNS_BUDGET = 16 * 2**20
+"""Bytes in the process's cache of the columns of items off the grid."""
 
 _FINE_PER_STEP = STEP * FINE_PER_CELL
 
@@ -215,7 +218,7 @@ def _column_tops(other: ItemInBox) -> tuple[tuple[int, int], int, Heights, Heigh
 
 @bounded_cache(
     "columns off the grid",
-    COLUMNS_BUDGET,
+    OFF_GRID_COLUMNS_BUDGET,
     "bytes",
     size=lambda tops: 2 * tops[2].nbytes,
     key=lambda posed: (posed.item.key, posed.matrix.tobytes()),

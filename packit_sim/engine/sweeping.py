@@ -21,8 +21,11 @@ from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
 
-SURFACES_BUDGET = 128 * 2**20
+SURFACES_BUDGET = 96 * 2**20
 """Bytes in the process's cache of items' collision meshes as trees of boxes."""
+
+OFF_GRID_SURFACES_BUDGET = 32 * 2**20
+"""Bytes in the process's cache of the same off the grid."""
 
 AxisNumber = Literal[0, 1, 2]
 
@@ -64,7 +67,7 @@ def surface(item: Item, axis: AxisNumber = 2) -> Surface:
 
 @bounded_cache(
     "surfaces off the grid",
-    SURFACES_BUDGET,
+    OFF_GRID_SURFACES_BUDGET,
     "bytes",
     size=lambda surface: surface.triangles.nbytes + surface.boxes.nbytes,
     key=lambda posed: (posed.item.key, posed.matrix.tobytes()),
