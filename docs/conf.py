@@ -43,7 +43,9 @@ nitpick_ignore_regex = [
         "py:.*",
         r"packit_sim\.(box\.BaseBox|core\.typed_json\.JsonRecord|engine\..*"
         r"|game\.envs\.(pictures\.Pictured|specs\.WritableSpec)"
-        r"|geometry\.(items\.ItemT|parts\.Parts|voxels\.Voxels)|libraries\.sources\.Source"
+        r"|game\.evaluation\.executed\.Executed"
+        r"|geometry\.(items\.(ItemT|PosedItem)|parts\.Parts|voxels\.Voxels)"
+        r"|libraries\.sources\.Source"
         r"|parts\.packings\.(checked_items\.CheckedItem|containers\.(Container|Measured))"
         r"|parts\.reading\.file_copies\.FileCopy)",
     ),

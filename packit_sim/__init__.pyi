@@ -60,5 +60,7 @@ from .render.coloring import by_order as by_order
 from .render.layouts import Layout as Layout
 from .render.looks import Cut as Cut
 from .render.looks import Look as Look
+from .robot.cell import RobotCell as RobotCell
+from .robot.cell import SuctionGripper as SuctionGripper
 from .rules import Rules as Rules
 from .scene import Scene as Scene

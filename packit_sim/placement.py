@@ -37,6 +37,7 @@ from packit_sim.engine.feasibility import (
 )
 from packit_sim.engine.insertion import (
     blockers_above,
+    free_fall,
     insertable_mask,
     is_insertable,
     is_insertable_oracle,
@@ -96,6 +97,7 @@ __all__ = [
     "feasible_in_any",
     "first",
     "fits",
+    "free_fall",
     "holds",
     "insertable_mask",
     "insertion_routes",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from packit_sim.geometry.lattice import Triple, box_cells
 from packit_sim.geometry.rotations import COUNT
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.robot.cell import RobotCell
 
 _ROTATIONS: dict[RotationSet, int] = {"all": COUNT, "yaw": 4}
 """The number of rotations of each set, which are the first ones by index."""
@@ -48,11 +49,13 @@ class Rules:
         `Episode`); None is the offline game, in which all are visible.
     rotations : str
         The rotations that items may have: "all" 24, or "yaw", the four about the vertical axis.
+    robot : RobotCell, optional
+        The cell in which an arm packs the box, in physics; None without an arm.
 
     Raises
     ------
     ArgumentError
-        If a value is not possible, or both `kinematic` and `physics` are asked for.
+        If a value is not possible, or two of `kinematic`, `physics` and `robot` are asked for.
 
     Examples
     --------
@@ -73,10 +76,16 @@ class Rules:
     cells: Triple | None = None
     buffer: int | None = None
     rotations: RotationSet = "all"
+    robot: RobotCell | None = None
 
     def __post_init__(self) -> None:
         if self.kinematic and self.physics is not None:
             raise ArgumentError("a box is either kinematic or has physics, not both")
+        if self.robot is not None and (self.kinematic or self.physics is not None):
+            raise ArgumentError(
+                "a robot cell has physics of its own, and its `reachable` says whether items must "
+                "come from above: leave out kinematic and physics"
+            )
         if self.cells is not None:
             object.__setattr__(self, "cells", box_cells(self.cells))
         if self.buffer is not None:
@@ -103,6 +112,9 @@ class Rules:
             parts.append(f"online with a buffer of {self.buffer}")
         if self.rotations != "all":
             parts.append(f"{self.rotations} rotations")
+        if self.robot is not None:
+            changed = _changed(asdict(self.robot), asdict(RobotCell()))
+            parts.append(" ".join(["robot", *changed]))
         return ", ".join(parts)
 
     def changed(self, **changes: Any) -> Rules:
@@ -111,8 +123,8 @@ class Rules:
         Parameters
         ----------
         **changes : Any
-            Values by the name of a field; `physics` may also be a bool or a mapping, as in
-            `from_json`.
+            Values by the name of a field; `physics` and `robot` may also be a bool or a mapping, as
+            in `from_json`.
 
         Returns
         -------
@@ -124,12 +136,13 @@ class Rules:
         TypeError
             If there is no rule of such a name.
         ArgumentError
-            If a value is not possible, or both `kinematic` and `physics` are asked for.
+            If a value is not possible, or two of `kinematic`, `physics` and `robot` are asked for.
         """
         check_keywords("Rules.changed", changes, RULES)
-        changes = _with_physics(changes)
-        if isinstance(physics := changes.get("physics"), Mapping):
-            changes["physics"] = Rules.from_json({"physics": physics}).physics
+        changes = _with_settings(changes)
+        for name in _SETTINGS:
+            if isinstance(changes.get(name), Mapping):
+                changes[name] = getattr(Rules.from_json({name: changes[name]}), name)
         return replace(self, **changes)
 
     @classmethod
@@ -139,8 +152,8 @@ class Rules:
         Parameters
         ----------
         values : Mapping
-            Values by the name of a field; those that are missing keep their defaults. `physics` is
-            a mapping of its settings, true, false or null.
+            Values by the name of a field; those that are missing keep their defaults. `physics` and
+            `robot` are a mapping of their settings, true, false or null.
 
         Returns
         -------
@@ -153,12 +166,35 @@ class Rules:
             If there is no rule or setting of such a name, or a value is not valid.
         """
         typed_json.check_names(values, cls, ArgumentError)
-        return typed_json.convert(_with_physics(values), cls, ArgumentError, "rules")
+        return typed_json.convert(_with_settings(values), cls, ArgumentError, "rules")
+
+    @property
+    def moves_items(self) -> bool:
+        """Whether items may move after they were placed, off the grid."""
+        return self.physics is not None or self.robot is not None
 
     @property
     def allowed_rotations(self) -> range:
         """The indices of the rotations that items may have."""
         return range(_ROTATIONS[self.rotations])
+
+    def check_items(self, cells: Triple, items: Sequence[Item]) -> None:
+        """Check, before anything is simulated, that an arm can pack items.
+
+        Parameters
+        ----------
+        cells : tuple of int
+            Cells of the task's box along x, y and z.
+
+        Raises
+        ------
+        ArgumentError
+            If the arm can't reach the box, or lift an item.
+        """
+        if self.robot is not None:
+            from packit_sim.robot.robot_box import RobotBox  # loads PyBullet
+
+            RobotBox(self.cells or cells, self.robot).check(items)
 
     def by_alignment(self, item: Item) -> tuple[Item, ...]:
         """Return an item in the allowed rotations, in the order of alignment.
@@ -187,9 +223,13 @@ class Rules:
         Returns
         -------
         BaseBox
-            A `Box`, or a `SettlingBox` if items settle.
+            A `Box`, a `SettlingBox` if items settle, or a `RobotBox` if an arm packs it.
         """
         cells = self.cells or cells
+        if self.robot is not None:
+            from packit_sim.robot.robot_box import RobotBox  # loads PyBullet
+
+            return RobotBox(cells, self.robot)
         if self.physics is None:
             return Box(cells, kinematic=self.kinematic)
         from packit_sim.physics.settling_box import SettlingBox  # loads PyBullet
@@ -204,12 +244,17 @@ PACKIT = Rules()
 """The rules of the paper."""
 
 
-def _with_physics(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace a bool under "physics" by default settings or None."""
-    physics = values.get("physics")
-    if not isinstance(physics, bool):
-        return dict(values)
-    return {**values, "physics": PhysicsSettings() if physics else None}
+_SETTINGS = {"physics": PhysicsSettings, "robot": RobotCell}
+"""The rules that are settings of their own."""
+
+
+def _with_settings(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace a bool under "physics" or "robot" by default settings or None."""
+    found = dict(values)
+    for name, kind in _SETTINGS.items():
+        if isinstance(value := values.get(name), bool):
+            found[name] = kind() if value else None
+    return found
 
 
 def _changed(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> list[str]:

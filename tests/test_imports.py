@@ -82,7 +82,7 @@ ORDERS = {
 
 SPECS = """
 import gymnasium, json
-names = ("PackIt-v0", "PackItEasy-v0", "PackItPhysics-v0")
+names = ("PackIt-v0", "PackItEasy-v0", "PackItPhysics-v0", "PackItRobot-v0")
 print(json.dumps([gymnasium.spec(name).kwargs for name in names]))
 """
 

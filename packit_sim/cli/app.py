@@ -34,6 +34,7 @@ COMMANDS: dict[str, dict[str, str]] = {
         "agents": "agent_commands",
         "datasets": "dataset_commands",
         "evaluate": "evaluation_commands",
+        "execute": "execute_command",
         "compare": "evaluation_commands",
     },
     BENCHMARK: {

@@ -23,6 +23,7 @@ from packit_sim.game.evaluation.results import Rollout
 from packit_sim.game.evaluation.training_runs import RunsScore
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.settings import Method
+from packit_sim.robot.measures import MEASURES
 from packit_sim.rules import PACKIT, Rules
 
 HEURISTICS = tuple(
@@ -128,6 +129,25 @@ def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
     table.caption = (
         f"boxes of {len(own[0])} tasks after the last step: shares of the placed volume, and "
         "the number of floating items; below each mean its 95% bootstrap interval"
+    )
+    return table
+
+
+def execution_table(own: Sequence[Sequence[Rollout]]) -> Table:
+    """Create a table of executions, one row per agent, by its number, from its rollouts."""
+    table = _number_table("", "executed", *MEASURES, "s")
+    for number, rollouts in enumerate(own, start=1):
+        score = Score.of(rollouts[0].agent, rollouts)
+        found = [Estimate.of([r.played.scores[name] for r in rollouts]) for name in MEASURES]
+        cells = [interval(estimate, ".3f", ".3f") for estimate in found]
+        deepest = max(r.played.scores["penetration"] for r in rollouts)
+        cells[MEASURES.index("penetration")] = f"{deepest:.4f}\n[dim]largest[/]"
+        table.add_row(
+            str(number), interval(score.reward, ".3f", ".3f"), *cells, f"{score.seconds:.3g}"
+        )
+    table.caption = (
+        f"means of {len(own[0])} tasks: returns, m and degrees of placed items, items, and "
+        "seconds; s: median processor seconds a task; below each mean its 95% bootstrap interval"
     )
     return table
 

@@ -9,7 +9,8 @@ from there out of the box's open top: no placed item is above any part of it. As
 - no point of the placed item's collision mesh is above a point of the item's.
 
 The second condition is exact for the whole motion; there are no time steps. Cheap filters come
-first: columns of fine cells decide most locations, the meshes the others.
+first: columns of fine cells decide most locations, the meshes the others. Placed items may be on
+the grid or off it.
 """
 
 from __future__ import annotations
@@ -25,14 +26,19 @@ from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.insertion_kernels import NONE, column_ends, required_heights
 from packit_sim.engine.screening import Locations
-from packit_sim.engine.sweeping import least_rise_oracle, surface
-from packit_sim.engine.sweeping_kernels import rises
-from packit_sim.geometry.items import PlacedItem
+from packit_sim.engine.sweeping import least_rise_oracle, posed_surface, surface
+from packit_sim.engine.sweeping_kernels import least_rise, rises
+from packit_sim.geometry.deviation import Surface
+from packit_sim.geometry.items import ItemInBox, PlacedItem, triangles
 from packit_sim.geometry.lattice import CELL, FINE_PER_CELL, STEP
 from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxelization import lattice_cells
 
-COLUMNS_BUDGET = 64 * 2**20
+COLUMNS_BUDGET = 48 * 2**20
 """Bytes in the process's cache of items' columns."""
+
+OFF_GRID_COLUMNS_BUDGET = 16 * 2**20
+"""Bytes in the process's cache of the columns of items off the grid."""
 
 _FINE_PER_STEP = STEP * FINE_PER_CELL
 
@@ -73,12 +79,12 @@ def columns(item: Item) -> Columns:
     return Columns(*column_ends(voxels.outer_words), *column_ends(voxels.inner_words))
 
 
-def insertable_mask(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
+def insertable_mask(placed: Sequence[ItemInBox], item: Item, mask: Mask) -> Mask:
     """Restrict a mask of feasible locations to those at which the item is clear.
 
     Parameters
     ----------
-    placed : sequence of PlacedItem
+    placed : sequence of ItemInBox
         The items already in the box.
     item : Item
         The item to place, in its rotation.
@@ -102,24 +108,20 @@ def insertable_mask(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mas
         if len(undecided) == 0:
             break
         offsets = _offsets(item, undecided, other)
-        below = rises(surface(item), surface(other.item), offsets) < np.inf
+        below = rises(surface(item), _surface(other), offsets) < np.inf
         found[tuple(undecided[below].T)] = False
         undecided = undecided[~below]
     return found
 
 
-def is_insertable(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
+def is_insertable(placed: Sequence[ItemInBox], candidate: PlacedItem) -> bool:
     """Decide whether a feasible item is clear at its location."""
     (left, back, bottom), (right, front, _) = candidate.start, candidate.stop
-    over = [
-        other
-        for other in placed
-        if other.stop[2] > bottom
-        and other.start[0] < right
-        and other.start[1] < front
-        and other.stop[0] > left
-        and other.stop[1] > back
-    ]
+    over = []
+    for other in placed:
+        (low_x, low_y, _), (high_x, high_y, top) = _span(other)
+        if top > bottom and low_x < right and low_y < front and high_x > left and high_y > back:
+            over.append(other)
     if not over:
         return True
     mask = np.zeros(np.array(candidate.location) + 1, dtype=bool)
@@ -127,7 +129,19 @@ def is_insertable(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
     return bool(insertable_mask(over, candidate.item, mask)[candidate.location])
 
 
-def blockers_above(placed: Sequence[PlacedItem], candidate: PlacedItem) -> tuple[int, ...]:
+def free_fall(candidate: PlacedItem, other: ItemInBox) -> float:
+    """Compute how far an item can move straight down until it meets another one.
+
+    Returns
+    -------
+    float
+        Distance in box units; inf if they never meet.
+    """
+    offset = -_offsets(candidate.item, np.array([candidate.location]), other)[0]
+    return float(least_rise(_surface(other), surface(candidate.item), offset, 0.0))
+
+
+def blockers_above(placed: Sequence[ItemInBox], candidate: PlacedItem) -> tuple[int, ...]:
     """Find the numbers of the placed items that are above an item at a feasible location."""
     return tuple(n for n, other in enumerate(placed) if not is_insertable([other], candidate))
 
@@ -154,25 +168,63 @@ def is_insertable_oracle(placed: Sequence[PlacedItem], candidate: PlacedItem) ->
     return True
 
 
-def _offsets(item: Item, locations: Locations, other: PlacedItem) -> npt.NDArray[np.float64]:
+def _offsets(item: Item, locations: Locations, other: ItemInBox) -> npt.NDArray[np.float64]:
     """Compute the offsets (n, 3) from the item's centre at each location to the other's.
 
-    They are multiples of half a cell, so that the answer does not depend on where in the box the
-    two items are.
+    On the grid they are multiples of half a cell, so that the answer does not depend on where in
+    the box the two items are.
     """
     twice_centers = 2 * STEP * locations + np.array(item.cells)
-    return (np.add(other.start, other.stop) - twice_centers) * (CELL / 2)
+    if not isinstance(other, PlacedItem):
+        return np.asarray(other.center - twice_centers * (CELL / 2))
+    return np.asarray((np.add(other.start, other.stop) - twice_centers) * (CELL / 2))
+
+
+def _surface(other: ItemInBox) -> Surface:
+    return surface(other.item) if isinstance(other, PlacedItem) else posed_surface(other)
+
+
+def _span(other: ItemInBox) -> tuple[Sequence[float], Sequence[float]]:
+    """Return the first and the last corner of an item, in cells."""
+    if isinstance(other, PlacedItem):
+        return other.start, other.stop
+    vertices = other.vertices / CELL
+    return vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
 
 
 @lru_cache(maxsize=8)  # many items are tried in one box
-def _tops(placed: tuple[PlacedItem, ...]) -> tuple[Heights, Heights]:
+def _tops(placed: tuple[ItemInBox, ...]) -> tuple[Heights, Heights]:
     """Compute the tops of the highest outer and inner fine cells of placed items by column."""
-    reach = np.max([other.stop for other in placed], axis=0) * FINE_PER_CELL
-    tops = np.full((2, *reach[:2]), -NONE, dtype=np.int32)
-    for other in placed:
+    ends = [_column_tops(other) for other in placed]
+    reach = np.max([np.add(start, high.shape) for start, _, high, _ in ends], axis=0)
+    tops = np.full((2, *np.maximum(reach, 0)), -NONE, dtype=np.int32)
+    for start, bottom, high, inner_high in ends:
+        cut = np.maximum(np.negative(start), 0)  # items off the grid may protrude from the box
+        x, y = np.maximum(start, 0)
+        heights = np.stack([high, inner_high])[:, cut[0] :, cut[1] :] + np.int32(bottom)
+        here = tops[:, x : x + heights.shape[1], y : y + heights.shape[2]]
+        np.maximum(here, heights, out=here)
+    return tops[0], tops[1]
+
+
+def _column_tops(other: ItemInBox) -> tuple[tuple[int, int], int, Heights, Heights]:
+    """Find the first column of an item, its bottom, and the tops of its outer and inner cells."""
+    if isinstance(other, PlacedItem):
         theirs = columns(other.item)
         x, y, z = (n * FINE_PER_CELL for n in other.start)
-        width, depth = theirs.high.shape
-        here = tops[:, x : x + width, y : y + depth]
-        np.maximum(here, np.stack([theirs.high, theirs.inner_high]) + np.int32(z), out=here)
-    return tops[0], tops[1]
+        return (x, y), z, theirs.high, theirs.inner_high
+    return _off_grid_tops(other)
+
+
+@bounded_cache(
+    "columns off the grid",
+    OFF_GRID_COLUMNS_BUDGET,
+    "bytes",
+    size=lambda tops: 2 * tops[2].nbytes,
+    key=lambda posed: (posed.item.key, posed.matrix.tobytes()),
+)
+def _off_grid_tops(other: ItemInBox) -> tuple[tuple[int, int], int, Heights, Heights]:
+    start, touched, reached = lattice_cells(triangles(other))
+    x, y, z = (start * FINE_PER_CELL).tolist()
+    (_, high), (_, inner_high) = column_ends(~reached), column_ends(~(touched | reached))
+    return (x, y), z, high, inner_high

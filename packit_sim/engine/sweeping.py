@@ -17,11 +17,15 @@ import trimesh
 from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.sweeping_kernels import least_rise, least_rise_of_pairs
 from packit_sim.geometry.deviation import Surface
+from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
 
-SURFACES_BUDGET = 128 * 2**20
+SURFACES_BUDGET = 96 * 2**20
 """Bytes in the process's cache of items' collision meshes as trees of boxes."""
+
+OFF_GRID_SURFACES_BUDGET = 32 * 2**20
+"""Bytes in the process's cache of the same off the grid."""
 
 AxisNumber = Literal[0, 1, 2]
 
@@ -59,6 +63,21 @@ def surface(item: Item, axis: AxisNumber = 2) -> Surface:
     shrink = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
     mesh = item.mesh
     return Surface.of(trimesh.Trimesh(mesh.vertices * shrink, mesh.faces, process=False))
+
+
+@bounded_cache(
+    "surfaces off the grid",
+    OFF_GRID_SURFACES_BUDGET,
+    "bytes",
+    size=lambda surface: surface.triangles.nbytes + surface.boxes.nbytes,
+    key=lambda posed: (posed.item.key, posed.matrix.tobytes()),
+)
+def posed_surface(posed: ItemInBox) -> Surface:
+    """Look up the collision mesh of an item off the grid, relative to its centre, as `surface`."""
+    item = posed.item.turned(0)
+    shrink = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
+    vertices = posed.pose.direction(np.asarray(item.mesh.vertices) * shrink)
+    return Surface.of(trimesh.Trimesh(vertices, item.mesh.faces, process=False))
 
 
 def cyclic(axis: AxisNumber) -> list[int]:

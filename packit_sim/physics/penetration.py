@@ -18,9 +18,10 @@ from packit_sim.placement import LooseMesh
 DEPTHS = tuple(1e-4 * 2 ** (n / 2) for n in range(23))
 """The depths that are tried, in box units."""
 
-_DIRECTIONS = [
+DIRECTIONS = [
     np.array(steps) / math.hypot(*steps) for steps in product((-1, 0, 1), repeat=3) if any(steps)
 ]
+"""The directions in which a shift is tried: of a cube's faces, edges and corners."""
 
 
 def penetrations(settled: Settled) -> dict[tuple[int, int], float]:
@@ -86,7 +87,7 @@ class _SettledMesh:
 def _depth(one: _SettledMesh, other: _SettledMesh) -> float:
     path = _ReturnPath(one.item, other.item)
     for depth in DEPTHS:
-        if not all(one.mesh.crosses(other.mesh, depth * towards) for towards in _DIRECTIONS):
+        if not all(one.mesh.crosses(other.mesh, depth * towards) for towards in DIRECTIONS):
             return depth
         back = path.vertices(depth)
         if back is None or not one.moved(back).crosses(other.mesh):

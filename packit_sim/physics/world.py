@@ -11,7 +11,7 @@ import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -102,13 +102,13 @@ class World:
             self.close = weakref.finalize(self, undo.pop_all().close)
         self._items: list[_SimulatedItem] = []
 
-    def __enter__(self) -> World:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *raised: object) -> None:
         self.close()
 
-    def add(self, pieces: Sequence[Piece], mass: float) -> int:
+    def add(self, pieces: Sequence[Piece], mass: float, *, carried: bool = False) -> int:
         """Add an item.
 
         Parameters
@@ -117,6 +117,8 @@ class World:
             The convex pieces of the item where it is, in box units.
         mass : float
             Mass in kg, uniform over the pieces; 0 for an item that is fixed.
+        carried : bool
+            Whether an arm will carry it, which takes PyBullet's other, slower kind of body.
 
         Returns
         -------
@@ -132,7 +134,8 @@ class World:
             shape = self._pybullet.createCollisionShape(
                 self._pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client
             )
-        number = self._create_body(shape, mass, Motion(properties.axes, properties.center))
+        pose = Motion(properties.axes, properties.center)
+        number = self._create_body(shape, mass, pose, maximal=not carried)
         if mass:
             self._pybullet.changeDynamics(
                 number,
@@ -186,14 +189,7 @@ class World:
     @property
     def moves(self) -> list[Motion]:
         """Motion of each item since it was added, in box units."""
-        found = []
-        for item in self._items:
-            box_from_axes = self._box_from_axes(item)
-            turned = Motion(box_from_axes.rotation @ item.properties.axes.T)
-            found.append(
-                turned.at(box_from_axes.translation - turned.direction(item.properties.center))
-            )
-        return found
+        return [self._move(item, self._box_from_axes(item)) for item in self._items]
 
     @property
     def contacts(self) -> set[tuple[int, int | str]]:
@@ -260,13 +256,13 @@ class World:
         )
         return [*walls, self._create_body(ground, 0.0, IDENTITY)]
 
-    def _create_body(self, shape: int, mass: float, pose: Motion) -> int:
+    def _create_body(self, shape: int, mass: float, pose: Motion, *, maximal: bool = True) -> int:
         number: int = self._pybullet.createMultiBody(
             baseMass=mass,
             baseCollisionShapeIndex=shape,
             basePosition=(pose.translation * UNIT).tolist(),
             baseOrientation=pose.xyzw,
-            useMaximalCoordinates=1,
+            useMaximalCoordinates=int(maximal),
             physicsClientId=self._client,
         )
         settings = self._settings
@@ -286,6 +282,11 @@ class World:
             physicsClientId=self._client,
         )
         return number
+
+    def _move(self, item: _SimulatedItem, box_from_axes: Motion) -> Motion:
+        """Compute the motion of an item since it was added from where its axes are."""
+        turned = Motion(box_from_axes.rotation @ item.properties.axes.T)
+        return turned.at(box_from_axes.translation - turned.direction(item.properties.center))
 
     def _box_from_axes(self, item: _SimulatedItem) -> Motion:
         """Look up the pose of the centre of mass and the principal axes, in box units."""

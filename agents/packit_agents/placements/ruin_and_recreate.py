@@ -80,7 +80,7 @@ class RuinAndRecreate:
                 f"agent {agent.name!r} can't ruin and recreate: its policies don't choose "
                 "placements, as champion's do"
             )
-        if episode.rules.physics is not None:
+        if episode.rules.moves_items:
             raise ArgumentError("ruin and recreate needs items that stay on the grid: no physics")
         clock = self.budget.start()
         items = [episode.task.items[n] for n in np.flatnonzero(episode.outside).tolist()]

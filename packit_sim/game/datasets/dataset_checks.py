@@ -25,6 +25,7 @@ from packit_sim.core.errors import (
     UnknownShapeError,
 )
 from packit_sim.core.sums import plain_sum
+from packit_sim.game.datasets.execution_checks import execution_problems
 from packit_sim.game.datasets.manifests import (
     SUFFIX,
     Manifest,
@@ -40,7 +41,7 @@ from packit_sim.game.datasets.pack_checks import (
     verify,
 )
 from packit_sim.game.datasets.pack_files import WHOLE, folder_files
-from packit_sim.game.datasets.packs import FORMATS, Pack
+from packit_sim.game.datasets.packs import FORMATS, LibraryRef, Pack
 from packit_sim.game.datasets.provenance import (
     Densified,
     Drawn,
@@ -100,6 +101,8 @@ def verify_dataset(
     - Results: the box is that of the task or of the rules, the return and the end follow from the
       items and the task, and with the kinematic rule each item can come straight down from the open
       top. Agents do not play again.
+    - Results of an arm: the return, the measures and the final poses follow from the recorded
+      trajectory.
     - Evolved packs: each item is at its bottom-left-back-fill location, the first feasible one
       given the items placed before it. Cells that prove a conflict rule locations out, and the
       oracle decides about the others.
@@ -124,6 +127,9 @@ def verify_dataset(
         for number, pack in part.packs:
             for sentence in check.pack_problems(pack, (name, recorded)):
                 check.add(part.file, number, sentence)
+            if isinstance(pack.provenance, Played) and not check.is_unknown(pack):
+                for sentence in execution_problems(part.file, pack, pack.provenance, library):
+                    check.add(part.file, number, sentence)
             for sentence in check.duplicate_problems(part.file, number, pack):
                 check.add(part.file, number, sentence)
             done += 1
@@ -156,6 +162,13 @@ class _DatasetCheck:
 
     def add(self, file: Path, pack: int | None, sentence: str) -> None:
         self.problems.append(FileProblem(file, pack, sentence))
+
+    def is_unknown(self, pack: Pack) -> bool:
+        """Return whether the library is another one, or a shape is missing: `verify` says so."""
+        shapes = {item.shape for item in (*pack.items, *pack.outside)}
+        return pack.library != LibraryRef.of(self.library) or any(
+            shape not in self.library for shape in shapes
+        )
 
     def pack_problems(self, pack: Pack, recorded: Iterable[str | None]) -> Iterator[str]:
         """Yield the problems of one pack, given its split as the file's name and manifest say."""

@@ -17,12 +17,13 @@ from packit_sim.core.check_reports import named
 from packit_sim.core.errors import PackFormatError, UnknownShapeError
 from packit_sim.core.sums import plain_sum
 from packit_sim.game.datasets.packs import Pack
-from packit_sim.game.datasets.provenance import Densified, Evolved, Puzzle
+from packit_sim.game.datasets.provenance import Densified, Evolved, Played, Puzzle
 from packit_sim.geometry.items import PlacedItem, PosedItem
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import INSIDE
 from packit_sim.placement import conflicts, is_inside
+from packit_sim.robot.cell import INSIDE as ROBOT_INSIDE
 
 DENSITY_SLACK = 1e-9
 """Largest difference between a recorded and a replayed density: rounding of sums."""
@@ -32,6 +33,9 @@ SCALE_SLACK = 1e-12
 
 PUZZLE_SLACK = 0.005
 """Largest share of the box between the pieces of a puzzle: the clearance of those that need one."""
+
+INSIDE_ROUNDING = 1e-6
+"""Box units by which poses are rounded in files and trajectories."""
 
 MOST_NAMED = 8
 """Most items that a problem names."""
@@ -75,9 +79,10 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
         what = named(n, candidate.item.shape.id)
         if isinstance(candidate, PosedItem):
             vertices = candidate.vertices
-            inside = (vertices > -INSIDE).all() and (vertices < size + INSIDE).all()
+            slack = _inside_slack(pack)
+            inside = (vertices > -slack).all() and (vertices < size + slack).all()
             if pack.items[n].counted and not inside:
-                problems.append(f"{what} is not inside the box, within {INSIDE} box units")
+                problems.append(f"{what} is not inside the box, within {slack:.4g} box units")
             continue
         if not is_inside(pack.cells, candidate):
             problems.append(f"{what} is not inside the box")
@@ -96,6 +101,13 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     if density > 1 + DENSITY_SLACK:
         problems.append(f"density is {density!r}: items can't be larger than their box")
     return problems
+
+
+def _inside_slack(pack: Pack) -> float:
+    """Return the box units by which an item that counts may protrude from the box."""
+    played = pack.provenance
+    cell = played.rules.robot if isinstance(played, Played) else None
+    return INSIDE if cell is None else ROBOT_INSIDE / cell.edge + INSIDE_ROUNDING
 
 
 def settings_problems(pack: Pack, evolved: Evolved) -> Iterator[str]:

@@ -171,6 +171,8 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
         Other scores of the box by name, such as those of `packit evaluate --scores`.
     pieces : Method, optional
         The method of convex decomposition for these scores.
+    trajectory : str, optional
+        The SHA-256 of the recorded trajectory, for a box that an arm packed.
     """
 
     agent: str
@@ -185,6 +187,7 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
     weights: str | None = None
     scores: Mapping[str, int | float] = {}
     pieces: Method | None = None
+    trajectory: str | None = None
 
     def __post_init__(self) -> None:
         if self.rules == PACKIT:  # msgspec leaves out the default itself, not what equals it

@@ -74,7 +74,7 @@ def result_problems(
             f"item {turned} has rotation {pack.items[turned].rotation}, its rules allow "
             f"{played.rules.rotations} rotations only"
         )
-    if played.rules.physics is None and not pack.is_on_grid:
+    if not played.rules.moves_items and not pack.is_on_grid:
         yield "it has items off the grid, but its rules have no physics"
     steps = played.improvements
     if any(a.seconds > b.seconds or a.total >= b.total for a, b in pairwise(steps)):

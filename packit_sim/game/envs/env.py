@@ -1,4 +1,4 @@
-"""The Gymnasium environments `PackIt-v0`, `PackItEasy-v0` and `PackItPhysics-v0`: one class.
+"""The Gymnasium environments `PackIt-v0`, Easy, Physics and Robot: one class.
 
 At every stage, an action is a number of the same Discrete space: the index of a shape, a rotation,
 or the C-order index of a location. `action_mask` in the observation marks the valid ones.
@@ -138,7 +138,8 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
     "placed_volume" are about that volume. `info` has "task" (its number, -1 for one made on the
     fly), "action_mask" (int8, as `action_space.sample` takes it), "density" of the box,
     "placed_volume", "mesh_comparisons" that this environment made since its last reset, and "end":
-    why the episode is over, "" before that.
+    why the episode is over, "" before that. With a robot also "outcome": what became of the last
+    item that was tried, "placed", "no grasp", "no path" or "lost"; "" before the first.
 
     Examples
     --------
@@ -390,6 +391,9 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
             "mesh_comparisons": self._comparisons.mesh_comparisons,
             "end": str(episode.end or ""),
         }
+        if self.rules.robot is not None:
+            tried = episode.box.placed
+            info["outcome"] = str(tried[-1].outcome) if tried else ""
         return observation, info
 
     def _named_task(self, wanted: Task | int) -> tuple[Task, int]:

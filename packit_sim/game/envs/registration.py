@@ -20,6 +20,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "PackIt-v0": {},
     "PackItEasy-v0": {"easy": True},
     "PackItPhysics-v0": {"physics": True},
+    "PackItRobot-v0": {"robot": True},
 }
 """The default settings of each id, to which `gymnasium.make` adds its own."""
 

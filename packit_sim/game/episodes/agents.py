@@ -150,7 +150,7 @@ class Agent:
         Raises
         ------
         ArgumentError
-            If a search is to plan an online episode with physics.
+            If a search is to plan an online episode with physics, or one with a robot.
 
         Notes
         -----
@@ -160,6 +160,11 @@ class Agent:
         """
         if self.search is None:
             self._play_until(episode, rng)
+        elif episode.rules.robot is not None:
+            raise ArgumentError(
+                f"agent {self.name!r} can't plan with a robot: each step of its search would be "
+                "simulated; leave out the search"
+            )
         elif episode.rules.buffer is None:
             if episode.end is None:
                 self.search(self, episode, rng, on_progress)

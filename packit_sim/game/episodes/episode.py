@@ -152,6 +152,7 @@ class Episode:
         self.task = ordered(task, rules)
         self.rules = rules
         self.box = rules.new_box(task.cells)
+        rules.check_items(task.cells, task.items)
         self.outside: npt.NDArray[np.bool_] = np.ones(len(task.items), dtype=bool)
         self.stage = Stage.SHAPE
         self.shape: int | None = None
@@ -419,7 +420,7 @@ class Episode:
         self.outside[self.shape] = False
         self.shape = self.rotation = self.location = self.chosen_item = None
         self.stage = Stage.SHAPE
-        if self.rules.physics is not None:  # items move, so that others may fit again
+        if self.rules.moves_items:  # so that others may fit again
             self._fitting.clear()
         if is_checking():
             assert len(self.box.placed) == count + 1
@@ -434,7 +435,7 @@ class Episode:
         own = self.box.placed[given:]
         assert given >= 0
         assert sorted(p.item.turned(0).key for p in own) == sorted(i.turned(0).key for i in inside)
-        if given and self.rules.physics is not None:
+        if given and self.rules.moves_items:
             return  # items that were there before may have stopped counting
         gained = plain_sum(placed.item.volume for placed in own if placed.counts)
         assert math.isclose(self.total * self.task.volume, gained, rel_tol=1e-9, abs_tol=1e-12)

@@ -22,6 +22,7 @@ from packit_sim.game.datasets.provenance import RETURN_SLACK, Improvement
 from packit_sim.game.envs.observations import Observation
 from packit_sim.game.episodes.agents import Agent, OnProgress
 from packit_sim.game.episodes.episode import Episode
+from packit_sim.game.evaluation.executed import executed, trajectories_folder
 from packit_sim.game.evaluation.results import ResultsError, Rollout
 from packit_sim.game.evaluation.results_store import check_evaluation, opened
 from packit_sim.rules import PACKIT, Rules
@@ -259,11 +260,14 @@ def evaluate(
         if file is not None:
             known = {agent.name: agent.known_weights for agent in players}
             check_evaluation(file, store.rollouts, known, numbered, seed, rules)
+        for task in tasks:
+            rules.check_items(task.cells, task.items)
+        folder = None if file is None else trajectories_folder(file)
         jobs = []
         for number, task in numbered.items():
             missing = [agent for agent in players if (agent.name, number) not in store]
             if missing:
-                jobs.append((missing, task, number, seed, rules))
+                jobs.append((missing, task, number, seed, rules, folder))
         playing = sum(len(missing) for missing, *_ in jobs)
         counts = len(players), len(tasks), len(players) * len(tasks) - playing, playing
         _log.info("%d agents, %d tasks: %d results exist, %d to play", *counts)
@@ -292,13 +296,15 @@ def _player(agent: Agent | str) -> Agent:
 
 
 def _played(
-    agents: Sequence[Agent], task: Task, number: int, seed: int, rules: Rules
+    agents: Sequence[Agent], task: Task, number: int, seed: int, rules: Rules, folder: Path | None
 ) -> list[Rollout]:
     """Let several agents play a task."""
-    return [_rollout(agent, task, number, seed, rules) for agent in agents]
+    return [_rollout(agent, task, number, seed, rules, folder) for agent in agents]
 
 
-def _rollout(agent: Agent, task: Task, number: int, seed: int, rules: Rules) -> Rollout:
+def _rollout(
+    agent: Agent, task: Task, number: int, seed: int, rules: Rules, folder: Path | None
+) -> Rollout:
     """Let an agent play a task, and record when its search found something better."""
     started = time.process_time()
     improvements: list[Improvement] = []
@@ -312,7 +318,8 @@ def _rollout(agent: Agent, task: Task, number: int, seed: int, rules: Rules) -> 
     episode = play(task, agent, rng, rules=rules, on_progress=record)
     seconds = time.process_time() - started
     weights = agent.weights
-    return Rollout.of(episode, agent.name, number, seed, seconds, weights, improvements)
+    execution = executed(episode, folder)
+    return Rollout.of(episode, agent.name, number, seed, seconds, weights, improvements, execution)
 
 
 def evaluate_batched(

@@ -18,6 +18,7 @@ from packit_sim.game.datasets.packs import ItemRecord, Pack
 from packit_sim.game.datasets.provenance import Improvement, Played
 from packit_sim.game.datasets.result_checks import result_problems, task_of
 from packit_sim.game.episodes.episode import Episode
+from packit_sim.game.evaluation.executed import Executed
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import End, Rules
 
@@ -69,6 +70,7 @@ class Rollout:
         seconds: float,
         weights: str | None = None,
         improvements: Iterable[Improvement] = (),
+        execution: Executed | None = None,
     ) -> Rollout:
         """Record an episode that is over.
 
@@ -86,6 +88,8 @@ class Rollout:
             The digest of the agent's weights, for an agent that learned.
         improvements : Iterable[Improvement]
             Each better return that the agent's search found.
+        execution : Executed | None
+            The measures and the trajectory, for a box that an arm packed.
 
         Returns
         -------
@@ -104,6 +108,8 @@ class Rollout:
             seconds=round(seconds, 6),
             improvements=tuple(improvements),
             weights=weights,
+            scores={} if execution is None else execution.scores,
+            trajectory=None if execution is None else execution.digest,
         )
         task = episode.task
         pack = Pack.of(episode.box, task.pack.library, played)

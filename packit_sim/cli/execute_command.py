@@ -1,0 +1,115 @@
+"""`packit execute`: an arm packs the boxes that agents plan, in physics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import packit_sim
+from packit_sim.cli import completion
+from packit_sim.cli.options import (
+    DatasetArgument,
+    DatasetLibraryOption,
+    DecompositionOption,
+    SeedOption,
+    SplitOption,
+    WorkersOption,
+)
+from packit_sim.cli.stopping import RESUMABLE, stoppable
+from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.game.datasets.builtin import STARTER_PACKS
+from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
+
+with lazy_imports():
+    from packit_sim.cli import evaluations, inputs, output, terminal
+    from packit_sim.core import parallel
+    from packit_sim.robot import cell as robot
+
+
+def execute_command(
+    dataset: DatasetArgument = STARTER_PACKS,
+    split: SplitOption = None,
+    agent: Annotated[
+        list[str] | None,
+        typer.Option(
+            autocompletion=completion.agents,
+            help="Agent without a search (see `packit agents list`); may be repeated; default: "
+            "champion.",
+        ),
+    ] = None,
+    arm: Annotated[
+        str,
+        typer.Option(help="gantry, or a URDF file of a machine with the same kinds of joints."),
+    ] = "gantry",
+    level: Annotated[
+        int, typer.Option(help="1: items are presented in the rotation of their placement.")
+    ] = 1,
+    edge: Annotated[float, typer.Option(help="Metres in a box unit.")] = 0.30,
+    open_loop: Annotated[
+        bool, typer.Option("--open-loop", help="Plan without seeing where items really are.")
+    ] = False,
+    reachable: Annotated[
+        bool,
+        typer.Option(
+            "--reachable/--all-masks",
+            help="Whether agents see only placements that the arm can hold and reach.",
+        ),
+    ] = True,
+    seed: SeedOption = 0,
+    library: DatasetLibraryOption = None,
+    tasks: Annotated[
+        int | None, typer.Option(min=1, help="Execute only the first N tasks.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Results file, with a folder of trajectories next to it; results that it already "
+            "contains are not executed again.",
+        ),
+    ] = None,
+    decomposition: DecompositionOption = METHODS[0],
+    workers: WorkersOption = 0,
+) -> None:
+    """Let an arm pack the boxes that agents plan, in simulated physics.
+
+    The agent sees where the items really are before each choice. With --out the command can be
+    stopped at any time: repeat it to resume. `packit verify` recomputes the measures from the
+    recorded trajectories.
+
+    Example: packit execute everyday-v1 --split test --tasks 10 --out executed.jsonl
+    """
+    settings = DecompositionSettings(method=decomposition)
+    cell = robot.RobotCell(
+        arm=arm,
+        edge=edge,
+        level=level,
+        open_loop=open_loop,
+        reachable=reachable,
+        seed=seed,
+        decomposition=settings,
+    )
+    rules = packit_sim.Rules(robot=cell)
+    agents = [packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or ["champion"])]
+    opened = inputs.open_library(library, dataset, split)
+    numbered = evaluations.usable_tasks(dataset, opened, split, tasks)
+    wanted = list(numbered.values())
+    for task in wanted:
+        rules.check_items(task.cells, task.items)
+    if out is not None:
+        output.prepare_folder(out, dataset)
+    hint = RESUMABLE if out else "no results file was given"
+    with stoppable(hint), parallel.Workers(workers, "loky", None) as processes:
+        shapes = [item.shape for task in wanted for item in task.items]
+        inputs.decompose_shown(shapes, settings, workers)
+        rollouts = evaluations.evaluate_shown(
+            agents, wanted, seed, rules, workers=processes, file=out, numbers=list(numbered)
+        )
+    evaluations.show_agents(one.name for one in agents)
+    own = [evaluations.of_agent(rollouts, one.name) for one in agents]
+    terminal.console.print(evaluations.execution_table(own))
+    if out is not None:
+        output.print_written(out)

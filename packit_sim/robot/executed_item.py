@@ -1,0 +1,113 @@
+"""Items that the arm has put into the box, or has tried to."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from packit_sim.core.caches import cached_property
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PlacedItem, PosedItem
+from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.shapes import Item
+from packit_sim.robot.recording import Recording
+
+
+class Outcome(enum.StrEnum):
+    """What became of an attempt to put an item into the box."""
+
+    PLACED = "placed"
+    NO_GRASP = "no grasp"
+    NO_PATH = "no path"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, eq=False)
+class ExecutedItem:
+    """An item after the attempt to put it into the box, and where it is now.
+
+    Attributes
+    ----------
+    chosen : PlacedItem
+        The location of the grid that was chosen for it.
+    planned : PosedItem
+        Where the arm was to release it: the chosen location, lowered to the item's support.
+    outcome : Outcome
+        What became of it.
+    posed : PosedItem
+        Where it is now; an item that is not in the box is at the station or next to the box.
+    landed : PosedItem
+        Where it was when everything had come to rest after its own attempt.
+    inside : bool
+        Whether it is wholly inside the box, below its rim.
+    recording : Recording
+        What the arm and the items did meanwhile.
+    """
+
+    chosen: PlacedItem
+    planned: PosedItem
+    outcome: Outcome
+    posed: PosedItem
+    landed: PosedItem
+    inside: bool
+    recording: Recording
+
+    @property
+    def item(self) -> Item:
+        """The item, in the rotation of its placement."""
+        return self.chosen.item
+
+    @property
+    def center(self) -> Floats:
+        """Centre of its shape's bounding box, (3,) in box units."""
+        return self.posed.center
+
+    @property
+    def matrix(self) -> Floats:
+        """Shape-to-box matrix (4, 4)."""
+        return self.posed.matrix
+
+    @property
+    def linear(self) -> Floats:
+        """Linear part (3, 3) of that matrix."""
+        return self.posed.linear
+
+    @property
+    def pose(self) -> Motion:
+        """Shape-to-box matrix without the item's scale."""
+        return self.posed.pose
+
+    @property
+    def vertices(self) -> Floats:
+        """Vertices of its mesh, (n, 3) in box units."""
+        return self.posed.vertices
+
+    @property
+    def counts(self) -> bool:
+        """True if it is inside: its volume counts."""
+        return self.inside
+
+    @cached_property
+    def displacement(self) -> tuple[float, float]:
+        """Distance in box units, and angle in degrees, from where it was to be released."""
+        return apart(self.planned, self.landed)
+
+    @cached_property
+    def moved(self) -> tuple[float, float]:
+        """Distance and angle from where it came to rest."""
+        return apart(self.landed, self.posed)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ExecutedItem):
+            return NotImplemented
+        return (self.chosen, self.outcome, self.posed) == (other.chosen, other.outcome, other.posed)
+
+    def __hash__(self) -> int:
+        return hash((self.chosen, self.posed))
+
+
+def apart(one: PosedItem, other: PosedItem) -> tuple[float, float]:
+    """Return the distance of two poses of an item in box units, and the angle in degrees."""
+    motion = other.pose @ one.pose.inverse()
+    shift = other.center - one.center
+    return float((shift @ shift) ** 0.5), motion.angle

@@ -1,0 +1,298 @@
+"""One item at a time: pick it, carry it, insert it, release it, retreat, and let all items rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PosedItem
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.motions import Motion
+from packit_sim.physics.settling import fitted_pieces
+from packit_sim.robot.arms import Arm
+from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.executed_item import Outcome
+from packit_sim.robot.grasps import Grasp
+from packit_sim.robot.motion import straight
+from packit_sim.robot.recording import MOVED, Recording
+from packit_sim.robot.world import ArmWorld
+
+JITTER = 0.05
+"""Metres by which the position of an item at the station varies."""
+
+_CHECK_STEPS = 10
+"""Time steps between two checks whether everything rests."""
+
+
+@dataclass(frozen=True, eq=False)
+class Execution:
+    """What happened when the arm put an item into the box.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        Placed or lost.
+    posed : tuple of PosedItem
+        Where the items that were in the box are, and last the new one.
+    recording : Recording
+        Each step.
+    """
+
+    outcome: Outcome
+    posed: tuple[PosedItem, ...]
+    recording: Recording
+
+
+def presented(planned: PosedItem, cell: RobotCell, cells: Triple, number: int) -> PosedItem:
+    """Return where the station presents an item: in its rotation, at a random yaw and position.
+
+    Parameters
+    ----------
+    planned : PosedItem
+        Where it is to be released.
+    number : int
+        The number of items that were tried before: it chooses the random numbers.
+
+    Returns
+    -------
+    PosedItem
+        The item on the table.
+    """
+    rng = np.random.default_rng((cell.seed, number))
+    yaw = rng.uniform(-math.pi, math.pi)
+    x, y = (cell.station(cells)[:2] + rng.uniform(-JITTER, JITTER, 2)) / cell.edge
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    turn = Motion(np.array(((cosine, -sine, 0), (sine, cosine, 0), (0, 0, 1))))
+    bottom = float(planned.center[2] - planned.vertices[:, 2].min())
+    about = turn.at(np.array((x, y, bottom)) - turn.direction(planned.center))
+    return planned.moved(about)
+
+
+def execute(
+    before: Sequence[PosedItem],
+    numbers: Sequence[int],
+    planned: PosedItem,
+    grasp: Grasp,
+    *,
+    is_free: bool,
+    cell: RobotCell,
+    cells: Triple,
+    arm: Arm,
+) -> Execution:
+    """Put one item into the box, in a new world in which everything starts at rest.
+
+    Parameters
+    ----------
+    before : sequence of PosedItem
+        The items in the box.
+    numbers : sequence of int
+        Their numbers among the items that were tried; the last is the new item's.
+    planned : PosedItem
+        Where the arm releases the item.
+    grasp : Grasp
+        Where the cup holds it.
+    is_free : bool
+        Whether the exact swept test proves that the item meets nothing on its way down. Then its
+        convex pieces, which are thicker than its mesh, collide with nothing before the release.
+
+    Returns
+    -------
+    Execution
+        What happened.
+    """
+    settings = cell.world
+    start = presented(planned, cell, cells, numbers[-1])
+    to_start = start.pose @ planned.pose.inverse()
+    pieces, _ = fitted_pieces([*before, planned], settings)
+    size = np.array(cells) / 100
+    with ArmWorld(size, settings, arm.urdf) as world:
+        resting = [
+            world.add(own, cell.mass(posed.item.volume))
+            for posed, own in zip(before, pieces[:-1], strict=True)
+        ]
+        moved = [piece.moved(to_start.rotation, to_start.translation) for piece in pieces[-1]]
+        item = world.present(moved, cell.mass(planned.item.volume))
+        points = _waypoints(before, start, planned, grasp, cell, cells)
+        world.sleep(resting, True)
+        world.start_at(points.home)
+        run = _Run(world, cell, [*before, start], numbers)
+        run.drive_to(points.over_pick, points.pick)
+        world.grip(item)
+        run.held_from()
+        outcome = Outcome.PLACED
+        if not is_free:
+            world.collide(item, True)
+        hold = cell.gripper.force(grasp.radius)
+        most = hold, hold * grasp.radius
+        if not run.drive_to(points.lifted, points.over_place, points.place, most=most):
+            outcome = Outcome.LOST
+        world.collide(item, True)
+        world.sleep(resting, False)
+        world.let_go()
+        run.held_until()
+        run.drive_to(points.place if outcome is Outcome.PLACED else None, points.retreat)
+        run.rest()
+        return Execution(outcome, run.posed, run.recording(grasp.radius))
+
+
+@dataclass(frozen=True, eq=False)
+class _Waypoints:
+    """Joints (4,) in m and radians, in the order in which the arm passes them."""
+
+    home: Floats
+    over_pick: Floats
+    pick: Floats
+    lifted: Floats
+    over_place: Floats
+    place: Floats
+    retreat: Floats
+
+
+def _waypoints(
+    before: Sequence[PosedItem],
+    start: PosedItem,
+    planned: PosedItem,
+    grasp: Grasp,
+    cell: RobotCell,
+    cells: Triple,
+) -> _Waypoints:
+    """Compute where the arm passes: straight up, over the rim and what protrudes, straight down."""
+    turn = start.pose.rotation @ planned.pose.rotation.T
+    yaw = math.atan2(turn[1, 0], turn[0, 0])
+    point = np.array(grasp.point)
+    pick = (start.center + turn @ point) * cell.edge
+    place = (planned.center + point) * cell.edge
+    place[2] += cell.gap
+    tops = [float(posed.vertices[:, 2].max()) * cell.edge for posed in before]
+    rim = max([float(cell.size(cells)[2]), *tops])
+    height = float(start.vertices[:, 2].max()) * cell.edge
+    above = np.array((0.0, 0.0, 1.0))
+    over_pick = pick + above * (height + cell.clearance - pick[2])
+    carried = rim + cell.clearance + pick[2]
+    lifted = pick + above * (carried - pick[2])
+    over_place = place + above * (carried - place[2])
+    home = np.append(cell.station(cells) + above * carried, yaw)
+    return _Waypoints(
+        home,
+        np.append(over_pick, yaw),
+        np.append(pick, yaw),
+        np.append(lifted, yaw),
+        np.append(over_place, 0.0),
+        np.append(place, 0.0),
+        np.append(place + above * (rim + cell.clearance - place[2]), 0.0),
+    )
+
+
+def composed(frames: Floats, motion: Motion) -> Floats:
+    """Apply a motion before each of many.
+
+    Parameters
+    ----------
+    frames : ndarray of float64, shape (n, 7)
+        Translations and unit quaternions x, y, z, w.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 7)
+        Translations and unit quaternions w, x, y, z.
+    """
+    turns = Rotation.from_quat(frames[:, 3:])
+    shifts = frames[:, :3] + turns.apply(np.array(motion.translation))
+    x, y, z, w = (turns * Rotation.from_quat(motion.xyzw)).as_quat().T
+    return np.column_stack((shifts, w, x, y, z))
+
+
+class _Run:
+    """The simulation of one attempt, and its recording."""
+
+    def __init__(
+        self,
+        world: ArmWorld,
+        cell: RobotCell,
+        items: Sequence[PosedItem],
+        numbers: Sequence[int],
+    ) -> None:
+        self._world = world
+        self._cell = cell
+        self._items = items
+        self._numbers = numbers
+        self._joints: list[Floats] = []
+        self._rows: list[tuple[int, int]] = []
+        self._raw: list[Floats] = []
+        self._last = np.full((len(items), 7), np.inf)
+        self._held = [0, 0]
+        self._at: Floats | None = None
+        self._record()
+
+    @property
+    def posed(self) -> tuple[PosedItem, ...]:
+        """The items where they are."""
+        moves = self._world.moves
+        return tuple(item.moved(move) for item, move in zip(self._items, moves, strict=True))
+
+    def held_from(self) -> None:
+        """Note that the tool holds the item from the next step on."""
+        self._held[0] = len(self._joints)
+
+    def held_until(self) -> None:
+        """Note that it does not any more."""
+        self._held[1] = len(self._joints)
+
+    def drive_to(
+        self, *points: Floats | None, most: tuple[float, float] = (math.inf, math.inf)
+    ) -> bool:
+        """Drive through points; return False at once if the held item's load is above `most`."""
+        for point in points:
+            if point is None:
+                continue
+            start = self._world.joints if self._at is None else self._at
+            for joints in straight(start, point, self._cell, self._cell.world.step):
+                self._world.drive(joints)
+                self._at = joints
+                self._record()
+                if math.isfinite(most[0]):
+                    force, moment = self._world.load
+                    if force > most[0] or moment > most[1]:
+                        return False
+            self._at = point
+        return True
+
+    def rest(self) -> None:
+        """Wait until everything is at rest, or the time limit of the world is over."""
+        settings = self._cell.world
+        assert self._at is not None
+        rested = seconds = 0.0
+        interval = _CHECK_STEPS * settings.step
+        while rested < settings.rest_time and seconds < settings.time_limit:
+            for _ in range(_CHECK_STEPS):
+                self._world.drive(self._at)
+                self._record()
+            seconds += interval
+            is_at_rest = (self._world.speeds < settings.rest_speed).all()
+            rested = rested + interval if is_at_rest else 0.0
+
+    def recording(self, radius: float) -> Recording:
+        """Return the recording, with poses of the canonical shapes."""
+        raw, own = np.array(self._raw), np.array([item for _, item in self._rows])
+        poses = np.empty((len(raw), 7))
+        for item, start in enumerate(self._items):
+            mine = own == item
+            poses[mine] = composed(raw[mine], self._world.axes_from(item, start.pose))
+        rows = np.array([(step, self._numbers[item]) for step, item in self._rows])
+        return Recording(
+            np.array(self._joints), (self._held[0], self._held[1]), radius, rows, poses
+        )
+
+    def _record(self) -> None:
+        step = len(self._joints)
+        self._joints.append(self._world.joints)
+        poses = self._world.poses
+        for item in np.flatnonzero(np.abs(poses - self._last).max(axis=1) > MOVED).tolist():
+            self._rows.append((step, item))
+            self._raw.append(poses[item])
+            self._last[item] = poses[item]

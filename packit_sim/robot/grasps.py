@@ -1,0 +1,123 @@
+"""Places on an item where a suction cup holds it from above, found on the exact mesh."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from packit_sim.core.caches import bounded_cache
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.rotations import MATRICES
+from packit_sim.geometry.shapes import Item
+from packit_sim.robot.cell import GRAVITY, RobotCell, SuctionGripper
+from packit_sim.robot.height_kernels import flat_discs, top_heights
+
+GRASPS_BUDGET = 50_000
+"""Cached answers about items in a rotation."""
+
+_POINTS = 4
+"""Points of the surface that are sampled along the radius of a cup."""
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A place where a cup holds an item.
+
+    Attributes
+    ----------
+    point : tuple of float
+        The middle of the cup's face, from the centre of the item's bounding box, in box units.
+    radius : float
+        The radius of the cup, m.
+    """
+
+    point: tuple[float, float, float]
+    radius: float
+
+
+def best_grasp(item: Item, cell: RobotCell) -> Grasp | None:
+    """Find where to hold an item in its rotation.
+
+    Parameters
+    ----------
+    item : Item
+        The item, in its rotation.
+    cell : RobotCell
+        The cell with the gripper.
+
+    Returns
+    -------
+    Grasp or None
+        The place nearest to the centre of mass, seen from above, of the largest cup that has one
+        at all; None if no cup has.
+
+    Notes
+    -----
+    The cup comes straight from above, and its tube is as slender as its rim. So it touches nothing
+    where the item itself can come straight from above: what the cup meets on its way, the part of
+    the item below it would meet too. A place is valid if every sample of the surface seen from
+    above in the disc below the cup is within the compliance of a plane, if that plane is not
+    tilted more than the gripper allows, and if the weight's moment about the cup is less than the
+    vacuum's about its rim, with the same safety as the payload.
+    """
+    side = item.turned(item.rotation - item.rotation % 4)
+    found = _found(side, (cell.edge, cell.density, cell.gripper))
+    if found is None:
+        return None
+    turn = MATRICES[item.rotation] @ MATRICES[side.rotation].T
+    x, y, z = (turn @ found.point).tolist()
+    return Grasp((x, y, z), found.radius)
+
+
+@bounded_cache(
+    "grasps", GRASPS_BUDGET, "answers", size=lambda grasp: 1, key=lambda item, how: (item.key, how)
+)
+def _found(item: Item, how: tuple[float, float, SuctionGripper]) -> Grasp | None:
+    edge, density, gripper = how
+    cell = RobotCell(edge=edge, density=density, gripper=gripper)
+    triangles = np.asarray(item.mesh.triangles, dtype=np.float64)
+    low, high = triangles.min(axis=(0, 1))[:2], triangles.max(axis=(0, 1))[:2]
+    center = center_of_mass(item)
+    weight = cell.mass(item.volume) * GRAVITY
+    for radius in sorted(gripper.cups, reverse=True):
+        if cell.mass(item.volume) > gripper.payload(radius):
+            return None  # smaller ones lift less
+        own = radius / cell.edge
+        spacing = own / _POINTS
+        if (high - low < 2 * own).any():
+            continue
+        nx, ny = (np.floor((high - low) / spacing).astype(int) + 1).tolist()
+        heights = top_heights(triangles, low, spacing, (nx, ny))
+        points = np.argwhere(np.isfinite(heights))
+        away = np.linalg.norm(low + points * spacing - center[:2], axis=1)
+        arm = gripper.force(radius) * own / (gripper.safety * weight)
+        near = np.argsort(away, kind="stable")
+        near = near[away[near] <= arm]
+        slope = math.tan(math.radians(gripper.tilt))
+        found = flat_discs(
+            heights, points[near], own, spacing, gripper.compliance / cell.edge, slope, 1
+        )
+        if len(found):
+            x, y = points[near[found[0]]].tolist()
+            top = _highest(heights, x, y, own, spacing)
+            at = (low + np.array((x, y)) * spacing).tolist()
+            return Grasp((at[0], at[1], top), radius)
+    return None
+
+
+def center_of_mass(item: Item) -> Floats:
+    """Return the centre of mass of an item from the centre of its bounding box, (3,) box units."""
+    mesh = item.mesh
+    return np.asarray(mesh.center_mass if item.shape.is_solid else mesh.centroid)
+
+
+def _highest(heights: Floats, x: int, y: int, radius: float, spacing: float) -> float:
+    """Return the largest height in a disc, where the cup's rim first touches."""
+    reach = int(np.floor(radius / spacing + 1e-9)) + 1
+    i, j = np.ogrid[-reach : reach + 1, -reach : reach + 1]
+    inside = (i**2 + j**2) * spacing**2 <= (radius + spacing) ** 2
+    rows = np.clip(x + i, 0, heights.shape[0] - 1)
+    columns = np.clip(y + j, 0, heights.shape[1] - 1)
+    return float(heights[rows, columns][inside].max())

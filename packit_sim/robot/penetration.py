@@ -1,0 +1,153 @@
+"""How deep an arm, its tool or a held item was in anything, by FCL along a trajectory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import trimesh
+
+from packit_sim.core.caches import cached_property
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.motions import Motion
+from packit_sim.physics.penetration import DEPTHS, DIRECTIONS
+from packit_sim.placement import LooseMesh
+from packit_sim.robot.arms import CUP, Arm, box_shift
+from packit_sim.robot.cell import WALL, RobotCell
+from packit_sim.robot.trajectory import Trajectory
+
+_SIDES = 48
+"""Sides of the prism around a cup."""
+
+
+class _Body:
+    """A mesh that moves as a whole: vertices (n, 3) in its own frame, in box units."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        vertices = np.array(mesh.vertices, dtype=np.float64)
+        faces = np.array(mesh.faces, dtype=np.int64)
+        self.mesh = LooseMesh(vertices, faces)
+        ends = np.stack((vertices.min(axis=0), vertices.max(axis=0)))
+        self._corners = np.array([np.where(side, *ends) for side in product((0, 1), repeat=3)])
+
+    def bounds(self, pose: Motion) -> Floats:
+        """Return a box (2, 3) around it at a pose."""
+        corners = pose.apply(self._corners)
+        return np.stack((corners.min(axis=0), corners.max(axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class _There:
+    """A body at a pose."""
+
+    body: _Body
+    pose: Motion
+
+    @cached_property
+    def bounds(self) -> Floats:
+        return self.body.bounds(self.pose)
+
+    def depth(self, other: _There, known: float) -> float:
+        """Return an upper bound of the depth of an overlap, or of a known one if that is deeper.
+
+        It is inf if no shift separates the two.
+        """
+        low, high = self.bounds
+        other_low, other_high = other.bounds
+        if (low > other_high).any() or (other_low > high).any():
+            return known
+        between = other.pose.seen_from(self.pose)
+        mesh, turn = self.body.mesh, np.ascontiguousarray(between.rotation)
+        if not mesh.crosses(other.body.mesh, between.translation, turn):
+            return known
+        for depth in DEPTHS:
+            if depth < known:
+                continue
+            shifts = (between.translation + depth * towards for towards in DIRECTIONS)
+            if not all(mesh.crosses(other.body.mesh, shift, turn) for shift in shifts):
+                return depth
+        return math.inf
+
+
+def largest_penetration(trajectory: Trajectory) -> float:
+    """Compute the largest penetration of the arm, its cup or the held item with anything.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The recorded trajectory.
+
+    Returns
+    -------
+    float
+        In box units; 0 if nothing crosses. Each step is tested. FCL decides on the exact meshes
+        whether two cross, and the depth is the first of `penetration.DEPTHS` by which a shift in
+        one of 26 directions separates them.
+    """
+    cell = trajectory.cell
+    surroundings = [_There(body, Motion()) for body in _surroundings(cell, trajectory)]
+    links = [
+        (box, _Body(trimesh.creation.box(np.array(box.size) / cell.edge)))
+        for box in Arm.of(cell).boxes
+    ]
+    bodies = [_Body(one.chosen.item.turned(0).mesh) for one in trajectory.attempts]
+    known: dict[int, _There] = {}
+    deepest = 0.0
+    for number, attempt in enumerate(trajectory.attempts):
+        own = attempt.recording
+        if not len(own.joints):
+            continue
+        cup = _Body(_cup(own.radius / cell.edge, CUP / cell.edge))
+        starts = np.searchsorted(own.rows[:, 0], np.arange(len(own.joints) + 1))
+        tested: tuple[bytes, ...] = ()
+        for step, joints in enumerate(own.joints):
+            for row in range(starts[step], starts[step + 1]):
+                item = int(own.rows[row, 1])
+                known[item] = _There(bodies[item], _motion(own.poses[row]))
+            state = (joints.tobytes(), own.poses[starts[step] : starts[step + 1]].tobytes())
+            if state == tested or (tested and state[0] == tested[0] and not state[1]):
+                continue
+            tested = state
+            moving = [
+                _There(body, Motion.shift((box_shift(box, joints) + box.center) / cell.edge))
+                for box, body in links
+            ]
+            moving.append(_There(cup, Motion.shift(joints[:3] / cell.edge)))
+            is_held = own.held[0] <= step < own.held[1]
+            others = [there for n, there in known.items() if not (is_held and n == number)]
+            if is_held:
+                held = known[number]
+                for other in (*others, *surroundings):
+                    deepest = held.depth(other, deepest)
+                others.append(held)
+            for one, other in product(moving, (*others, *surroundings)):
+                deepest = one.depth(other, deepest)
+    return deepest
+
+
+def _motion(row: Floats) -> Motion:
+    w, x, y, z = row[3:].tolist()
+    return Motion.from_wxyz((w, x, y, z), row[:3])
+
+
+def _cup(radius: float, height: float) -> trimesh.Trimesh:
+    """Return a prism inside a cup, whose face is at the origin."""
+    mesh = trimesh.creation.cylinder(radius, height, sections=_SIDES)
+    mesh.apply_translation((0, 0, height / 2))
+    return mesh
+
+
+def _surroundings(cell: RobotCell, trajectory: Trajectory) -> list[_Body]:
+    """Return the four walls, and the table with the floor of the box."""
+    x, y, z = np.array(trajectory.cells) * CELL
+    ends = [
+        ((-WALL, -WALL, 0), (0, y + WALL, z)),
+        ((x, -WALL, 0), (x + WALL, y + WALL, z)),
+        ((0, -WALL, 0), (x, 0, z)),
+        ((0, y, 0), (x, y + WALL, z)),
+        ((-20, -20, -1), (20, 20, 0)),
+    ]
+    return [_Body(trimesh.creation.box(bounds=np.array(end, dtype=float))) for end in ends]

@@ -1,0 +1,202 @@
+"""A box into which an arm puts the items, and which shows them where they really are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from packit_sim import placement
+from packit_sim.box import BaseBox
+from packit_sim.core.errors import InfeasibleError
+from packit_sim.core.sums import plain_sum
+from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
+from packit_sim.geometry.lattice import BOX_CELLS, ORIGIN, Triple
+from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.shapes import Item
+from packit_sim.physics.convex.decomposition import require
+from packit_sim.physics.world import require_engine
+from packit_sim.placement import Mask, Occupancy, checked_location
+from packit_sim.robot.arms import Arm
+from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.executed_item import ExecutedItem, Outcome
+from packit_sim.robot.execution import Execution, execute, presented
+from packit_sim.robot.grasps import best_grasp
+from packit_sim.robot.recording import Recording
+
+
+class RobotBox(BaseBox[Any]):
+    """A box that an arm packs, one item after the other, in simulated physics.
+
+    Masks are exact among the items where they are, off the grid; in an open loop, among those where
+    they were planned. An item that can't be gripped, or has no way into the box, is set aside, and
+    stays at the station. It can't be tried again, but it does not end the episode.
+
+    Parameters
+    ----------
+    cells : sequence of int, default: (100, 100, 100)
+        Cells along x, y and z, whole grid steps. A cell is 1/100 of a box unit.
+    cell : RobotCell, optional
+        The robot cell.
+
+    Raises
+    ------
+    ArgumentError
+        If the arm is not one, or can't reach all of the box.
+    MissingPackageError
+        If PyBullet is not installed.
+    """
+
+    def __init__(self, cells: Sequence[int] = BOX_CELLS, cell: RobotCell | None = None) -> None:
+        super().__init__(cells)
+        self.cell = cell or RobotCell()
+        require_engine()
+        require(self.cell.decomposition)
+        self._arm = Arm.of(self.cell)
+        self._arm.check(self.cell, self.cells, 0.0)
+        self._tried: tuple[ExecutedItem, ...] = ()
+
+    @property
+    def placed(self) -> tuple[ExecutedItem, ...]:
+        """All items that were tried, in their order, where they are."""
+        return self._tried
+
+    @property
+    def density(self) -> float:
+        """The volume of the items that are inside, relative to the box's volume."""
+        return self._counted / self.volume
+
+    @property
+    def _counted(self) -> float:
+        return plain_sum(one.item.volume for one in self._tried if one.counts)
+
+    def check(self, items: Sequence[Item]) -> None:
+        """Check before any simulation that the arm can lift items, and carry them over the rim.
+
+        Parameters
+        ----------
+        items : sequence of Item
+            The items that it is to pack.
+
+        Raises
+        ------
+        ArgumentError
+            If it can't.
+        """
+        for item in items:
+            self.cell.check_payload(f"{item.shape.id!r} (scale {item.scale:g})", item.volume)
+        longest = max((float(item.extents.max()) for item in items), default=0.0)
+        self._arm.check(self.cell, self.cells, longest * self.cell.edge)
+
+    def feasible(self, item: Item) -> Mask:
+        if not self._is_gripped(item):
+            return np.zeros(self.nodes, dtype=bool)
+        mask = super().feasible(item)
+        if not self.cell.reachable:
+            return mask
+        return placement.insertable_mask(self._occupancy.placed, item, mask)
+
+    def candidates(self, item: Item) -> Mask:
+        if not self._is_gripped(item):
+            return np.zeros(self.nodes, dtype=bool)
+        return super().candidates(item)
+
+    def blbf(self, item: Item, start: Triple = ORIGIN, layers: int | None = None) -> Triple | None:
+        if not self.cell.reachable:
+            return super().blbf(item, start, layers)
+        return placement.first(self.feasible(item)[:, :, :layers])
+
+    def feasible_in_any(self, item: Item) -> Mask:
+        if not self.cell.reachable:
+            return super().feasible_in_any(item)
+        return np.logical_or.reduce(self.feasible_rotations(item))
+
+    def put(self, item: Item, location: Sequence[int]) -> float:
+        candidate = PlacedItem(item, checked_location(self.cells, location))
+        if not self._is_feasible(candidate):
+            raise InfeasibleError(
+                f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation}) at "
+                f"{candidate.location} is not inside the box, in conflict with items there, or "
+                "can't be held or reached"
+            )
+        before = self._counted
+        self._execute(candidate)
+        return self._counted - before
+
+    def snapshot(self) -> BoxState[ExecutedItem]:
+        return BoxState(self.cells, self._tried)
+
+    def restore(self, snapshot: BoxState[Any]) -> None:
+        if snapshot.cells != self.cells:
+            super().restore(snapshot)  # raises
+        self._show(snapshot.placed)
+
+    def _is_gripped(self, item: Item) -> bool:
+        return not self.cell.reachable or best_grasp(item, self.cell) is not None
+
+    def _is_feasible(self, candidate: PlacedItem) -> bool:
+        if not self._is_gripped(candidate.item) or not super()._is_feasible(candidate):
+            return False
+        placed = self._occupancy.placed
+        return not self.cell.reachable or placement.is_insertable(placed, candidate)
+
+    def _execute(self, candidate: PlacedItem) -> None:
+        """Let the arm try to place an item, and see where all items are then."""
+        number = len(self._tried)
+        there = [n for n, one in enumerate(self._tried) if self._is_there(one.posed)]
+        actual = [self._tried[n].posed for n in there]
+        planned = self._lowered(candidate)
+        grasp = best_grasp(candidate.item, self.cell)
+        is_free = self._is_free(candidate, actual)
+        aside = presented(planned, self.cell, self.cells, number)
+        if grasp is None or not (is_free or self.cell.open_loop):
+            outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH
+            done = Execution(outcome, (*actual, aside), Recording())
+        else:
+            done = execute(
+                actual,
+                [*there, number],
+                planned,
+                grasp,
+                is_free=is_free,
+                cell=self.cell,
+                cells=self.cells,
+                arm=self._arm,
+            )
+        new = ExecutedItem(
+            candidate, planned, done.outcome, aside, done.posed[-1], False, done.recording
+        )
+        now = [*self._tried, new]
+        for n, posed in zip([*there, number], done.posed, strict=True):
+            now[n] = replace(now[n], posed=posed, inside=self.cell.holds(self.cells, posed))
+        self._show(now)
+
+    def _show(self, items: Sequence[ExecutedItem]) -> None:
+        """Set the items, and what masks are computed among."""
+        self._tried = tuple(items)
+        occupancy: Occupancy[Any] = Occupancy(self.cells)
+        for one in items:
+            if self.cell.open_loop:
+                occupancy.add(one.chosen)
+            elif self._is_there(one.posed):
+                occupancy.add(one.posed)
+        self._occupancy = occupancy
+
+    def _lowered(self, candidate: PlacedItem) -> PosedItem:
+        """Return an item straight below its location, where it touches what masks know of."""
+        posed = PosedItem.of(candidate)
+        below = [float(posed.vertices[:, 2].min())]
+        below += [placement.free_fall(candidate, other) for other in self._occupancy.placed]
+        return posed.moved(Motion.shift((0.0, 0.0, -max(min(below), 0.0))))
+
+    def _is_free(self, candidate: PlacedItem, actual: Sequence[PosedItem]) -> bool:
+        """Decide whether a feasible item meets no other on its way down, where they really are."""
+        is_valid = not self.cell.open_loop or placement.is_valid(self.cells, actual, candidate)
+        return is_valid and placement.is_insertable(actual, candidate)
+
+    def _is_there(self, posed: PosedItem) -> bool:
+        """Return whether an item is in or above the box: others are cleared away."""
+        x, y, _ = posed.center
+        return bool(0 <= x <= self.size[0] and 0 <= y <= self.size[1])

@@ -1,0 +1,212 @@
+"""A world in which an arm moves, and holds an item by a constraint that can break."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from packit_sim.core.files import naming
+from packit_sim.core.silence import quiet
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.bullet_meshes import UNIT
+from packit_sim.geometry.motions import Motion
+from packit_sim.physics.convex.pieces import Piece
+from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.world import World
+
+_STIFF = 1e9
+"""Largest force of the arm's motors, in the world's unit: the arm is stronger than any load."""
+
+_FAST = 1e6
+"""Largest speed in the world's unit, instead of PyBullet's 100."""
+
+
+class ArmWorld(World):
+    """A world with the walls of a box, items, and an arm.
+
+    Parameters
+    ----------
+    size : ndarray of float64, shape (3,)
+        Extents of the box, in box units.
+    urdf : str
+        The arm's URDF, with three prismatic joints and a wrist.
+    """
+
+    def __init__(self, size: Floats, settings: PhysicsSettings, urdf: str) -> None:
+        super().__init__(size, settings)
+        path = self._folder / "arm.urdf"
+        with naming(path):
+            path.write_text(urdf)
+        with quiet():
+            self._arm = self._pybullet.loadURDF(
+                str(path),
+                useFixedBase=1,
+                globalScaling=self._scale,
+                flags=self._pybullet.URDF_USE_INERTIA_FROM_FILE,  # else 0 for links without shapes
+                physicsClientId=self._client,
+            )
+        count = self._pybullet.getNumJoints(self._arm, physicsClientId=self._client)
+        joints = [self._joint(n) for n in range(count)]
+        self._joints = [n for n, info in enumerate(joints) if info != self._pybullet.JOINT_FIXED]
+        self._tool = count - 1
+        self._units = np.array([self._scale] * 3 + [1.0])
+        for link in range(-1, count):
+            self._pybullet.setCollisionFilterGroupMask(
+                self._arm, link, 0, 0, physicsClientId=self._client
+            )
+            self._pybullet.changeDynamics(
+                self._arm,
+                link,
+                maxJointVelocity=_FAST,
+                jointDamping=0.0,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                physicsClientId=self._client,
+            )
+        self._before = np.zeros(4)
+        self._grip: int | None = None
+        self._fixture: int | None = None
+
+    def start_at(self, joints: Floats) -> None:
+        """Put the arm somewhere, at rest."""
+        for n, value in zip(self._joints, (joints * self._units).tolist(), strict=True):
+            self._pybullet.resetJointState(self._arm, n, value, 0.0, physicsClientId=self._client)
+        self._before = joints
+
+    def drive(self, joints: Floats) -> None:
+        """Drive the arm to joints (4,) in m and radians, within one time step."""
+        speeds = (joints - self._before) / self._settings.step * self._units
+        self._pybullet.setJointMotorControlArray(
+            self._arm,
+            self._joints,
+            self._pybullet.VELOCITY_CONTROL,
+            targetVelocities=speeds.tolist(),
+            forces=[_STIFF] * 4,
+            physicsClientId=self._client,
+        )
+        self.step()
+        self._before = joints
+
+    @property
+    def joints(self) -> Floats:
+        """Where the joints are, (4,) in m and radians."""
+        states = self._pybullet.getJointStates(
+            self._arm, self._joints, physicsClientId=self._client
+        )
+        return np.array([state[0] for state in states]) / self._units
+
+    def present(self, pieces: Sequence[Piece], mass: float) -> int:
+        """Add an item that a fixture holds, and that collides with nothing."""
+        item = self.add(pieces, mass, carried=True)
+        body = self._items[item].number
+        self._pybullet.changeDynamics(
+            body,
+            -1,
+            maxJointVelocity=_FAST,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            physicsClientId=self._client,
+        )
+        self.collide(item, False)
+        position, xyzw = self._pybullet.getBasePositionAndOrientation(
+            body, physicsClientId=self._client
+        )
+        self._fixture = self._constraint(body, -1, Motion.from_xyzw(xyzw, np.array(position)))
+        return item
+
+    def collide(self, item: int, enabled: bool) -> None:
+        """Let an item collide with everything, or with nothing."""
+        group = 1 if enabled else 0
+        everything = -1 if enabled else 0
+        self._pybullet.setCollisionFilterGroupMask(
+            self._items[item].number, -1, group, everything, physicsClientId=self._client
+        )
+
+    def sleep(self, items: Sequence[int], enabled: bool) -> None:
+        """Let items at rest sleep until something touches them, or keep them awake."""
+        state = (
+            self._pybullet.ACTIVATION_STATE_SLEEP
+            if enabled
+            else self._pybullet.ACTIVATION_STATE_DISABLE_SLEEPING
+        )
+        for item in items:
+            self._pybullet.changeDynamics(
+                self._items[item].number, -1, activationState=state, physicsClientId=self._client
+            )
+
+    def grip(self, item: int) -> None:
+        """Attach an item to the tool where both are, and open the fixture."""
+        body = self._items[item].number
+        state = self._pybullet.getLinkState(
+            self._arm, self._tool, computeForwardKinematics=1, physicsClientId=self._client
+        )
+        world_from_tool = Motion.from_xyzw(state[5], np.array(state[4]))
+        position, xyzw = self._pybullet.getBasePositionAndOrientation(
+            body, physicsClientId=self._client
+        )
+        world_from_item = Motion.from_xyzw(xyzw, np.array(position))
+        self._grip = self._constraint(
+            body, self._tool, world_from_item.seen_from(world_from_tool), self._arm
+        )
+        self._remove(self._fixture)
+        self._fixture = None
+
+    def let_go(self) -> None:
+        """Detach the item."""
+        self._remove(self._grip)
+        self._grip = None
+
+    @property
+    def load(self) -> tuple[float, float]:
+        """The force in N, and the moment in N m, with which the held item pulls at the cup."""
+        state = self._pybullet.getConstraintState(self._grip, physicsClientId=self._client)
+        force = math.hypot(*state[:3]) / self._scale
+        return force, math.hypot(*state[3:6]) / self._scale**2
+
+    @property
+    def poses(self) -> Floats:
+        """Where the bodies are: (n, 7), position in box units and quaternion x, y, z, w."""
+        found = np.empty((len(self._items), 7))
+        for n, item in enumerate(self._items):
+            found[n, :3], found[n, 3:] = self._pybullet.getBasePositionAndOrientation(
+                item.number, physicsClientId=self._client
+            )
+        found[:, :3] /= UNIT
+        return found
+
+    def axes_from(self, item: int, pose: Motion) -> Motion:
+        """Return the motion from a frame to that of `poses`, of an item added at a pose of it."""
+        properties = self._items[item].properties
+        box_from_axes = Motion(properties.axes, properties.center)
+        return pose.seen_from(box_from_axes)
+
+    def _constraint(self, body: int, link: int, where: Motion, arm: int | None = None) -> int:
+        """Fix a body to a link, or to the world: where it is in the link's frame."""
+        parent, child = (body, -1) if arm is None else (arm, body)
+        frames, turns = [np.zeros(3), where.translation], [(0.0, 0.0, 0.0, 1.0), where.xyzw]
+        if arm is not None:
+            frames, turns = frames[::-1], turns[::-1]
+        number: int = self._pybullet.createConstraint(
+            parent,
+            -1 if arm is None else link,
+            child,
+            -1,
+            self._pybullet.JOINT_FIXED,
+            [0, 0, 0],
+            *(frame.tolist() for frame in frames),
+            *turns,
+            physicsClientId=self._client,
+        )
+        self._pybullet.changeConstraint(number, maxForce=_STIFF, physicsClientId=self._client)
+        return number
+
+    def _remove(self, constraint: int | None) -> None:
+        assert constraint is not None
+        self._pybullet.removeConstraint(constraint, physicsClientId=self._client)
+
+    def _joint(self, number: int) -> int:
+        info = self._pybullet.getJointInfo(self._arm, number, physicsClientId=self._client)
+        kind: int = info[2]
+        return kind

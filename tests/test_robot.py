@@ -1,0 +1,293 @@
+"""An arm packs a box in physics: grasps, motions, execution, measures, and errors before it."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from trimesh import creation
+
+from packit_sim import placement
+from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
+from packit_sim.core.extras import MissingPackageError
+from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.episodes.episode import Episode
+from packit_sim.geometry.items import PlacedItem, PosedItem
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.physics.convex import disk_cache
+from packit_sim.physics.convex.settings import DecompositionSettings
+from packit_sim.physics.world import pybullet_module
+from packit_sim.robot.arms import GANTRY, Arm
+from packit_sim.robot.cell import RobotCell, SuctionGripper
+from packit_sim.robot.executed_item import Outcome
+from packit_sim.robot.grasps import best_grasp
+from packit_sim.robot.measures import measures
+from packit_sim.robot.motion import straight
+from packit_sim.robot.robot_box import RobotBox
+from packit_sim.robot.trajectory import Trajectory
+from packit_sim.rules import Rules
+from tests.zoo import BALL, BOWL, CUBE, TILTED
+
+CELL = RobotCell(decomposition=DecompositionSettings(method="bisection"), speed=2.0)
+CELLS: Triple = (40, 40, 40)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Pieces are computed once for this module, in a temporary cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
+        yield
+
+
+def block(x: float, y: float, z: float) -> Item:
+    """A block of so many cells."""
+    shape = Shape.from_mesh(creation.box((x, y, z)), f"block-{x}-{y}-{z}")
+    return Item(shape, (math.hypot(x, y, z) / 100) ** 3)
+
+
+ITEMS = (block(20, 12, 8), block(12, 16, 10), Item(BALL, 0.006))
+
+
+def packed() -> RobotBox:
+    box = RobotBox(CELLS, CELL)
+    for item in ITEMS:
+        location = box.blbf(item)
+        assert location is not None
+        box.put(item, location)
+    return box
+
+
+@pytest.fixture(scope="module")
+def box() -> RobotBox:
+    return packed()
+
+
+def test_items_end_where_they_were_planned(box: RobotBox) -> None:
+    for one in box.placed:
+        assert one.outcome is Outcome.PLACED and one.counts
+        assert one.displacement[0] < 0.004 and one.displacement[1] < 2
+        assert one.moved[0] < 0.002
+    assert box.density == pytest.approx(sum(item.volume for item in ITEMS) / box.volume)
+
+
+def test_the_same_seed_gives_the_same_trajectory_bit_for_bit(box: RobotBox) -> None:
+    first = Trajectory.of(CELL, CELLS, box.placed)
+    assert Trajectory.of(CELL, CELLS, packed().placed).digest == first.digest
+
+
+def test_a_trajectory_is_read_as_it_was_written(box: RobotBox) -> None:
+    written = Trajectory.of(CELL, CELLS, box.placed)
+    shapes = {item.shape.id: item.shape for item in ITEMS}
+    read = Trajectory.from_bytes(written.to_bytes(), shapes.__getitem__)
+    assert read.digest == written.digest
+    for data in (b"", b"PK", written.to_bytes()[:-100]):
+        with pytest.raises(PackFormatError, match="not a trajectory"):
+            Trajectory.from_bytes(data, shapes.__getitem__)
+
+
+def test_measures_follow_from_the_trajectory(box: RobotBox) -> None:
+    written = Trajectory.of(CELL, CELLS, box.placed)
+    shapes = {item.shape.id: item.shape for item in ITEMS}
+    found = measures(Trajectory.from_bytes(written.to_bytes(), shapes.__getitem__), ITEMS)
+    assert found["planned"] == pytest.approx(1)
+    assert found["collapses"] == found["failed grasps"] == found["no path"] == 0
+    assert found["penetration"] < 0.001
+    assert 5 < found["robot seconds"] < 12
+
+
+def test_a_penetration_is_found() -> None:
+    box = RobotBox(CELLS, CELL)
+    box.put(ITEMS[0], (0, 0, 0))
+    (one,) = box.placed
+    joints = one.recording.joints.copy()
+    joints[one.recording.held[1] :, 2] -= 0.006  # the cup is pressed into the released item
+    wrong = replace(one, recording=replace(one.recording, joints=joints))
+    depth = measures(Trajectory.of(CELL, CELLS, [wrong]), ITEMS)["penetration"]
+    assert 0.005 < depth < 0.010
+
+
+def test_the_held_item_follows_the_tool_and_joints_keep_their_limits(box: RobotBox) -> None:
+    for number, one in enumerate(box.placed):
+        own = one.recording
+        speeds = np.diff(own.joints, axis=0) / CELL.world.step
+        assert np.abs(speeds[:, :3]).max() < CELL.speed * 1.01
+        first, last = own.held
+        mine = own.rows[:, 1] == number
+        steps, heights = own.rows[mine, 0], own.poses[mine, 2] * CELL.edge
+        held = (steps >= first) & (steps < last)
+        gaps = heights[held] - own.joints[steps[held], 2]
+        assert np.ptp(gaps) < 2e-4
+
+
+def test_masks_have_what_is_graspable_and_reached_from_above_off_the_grid(box: RobotBox) -> None:
+    item = block(8, 8, 4)
+    mask = box.feasible(item)
+    there = [one.posed for one in box.placed]
+    everything = placement.oracle(placement.BoxState(CELLS, tuple(there)), item)
+    for location in map(tuple, np.argwhere(everything)[::37].tolist()):
+        clear = placement.is_insertable(there, PlacedItem(item, location))
+        assert mask[location] == clear == box.is_feasible(item, location)
+
+
+def test_off_the_grid_and_on_it_the_same_items_are_insertable() -> None:
+    bowl = PlacedItem(Item(BOWL, 0.04), (2, 2, 0))
+    item = Item(BALL, 0.001)
+    mask = placement.feasible(_occupied(bowl), item)
+    on_grid = placement.insertable_mask([bowl], item, mask)
+    off_grid = placement.insertable_mask([PosedItem.of(bowl)], item, mask)
+    assert np.array_equal(on_grid, off_grid) and (mask & ~on_grid).any()
+
+
+def _occupied(placed: PlacedItem) -> placement.Occupancy[PlacedItem]:
+    occupancy: placement.Occupancy[PlacedItem] = placement.Occupancy(CELLS)
+    occupancy.add(placed)
+    return occupancy
+
+
+def test_a_cup_holds_where_it_is_flat_near_the_centre_of_mass() -> None:
+    grasp = best_grasp(ITEMS[0], CELL)
+    assert grasp is not None and grasp.radius == 0.016
+    assert np.allclose(grasp.point, (0, 0, 0.04), atol=0.02)
+    sloping = Item(Shape.from_mesh(creation.cone(0.2, 2.0), "cone"), 0.005)
+    assert best_grasp(sloping, CELL) is None
+    assert best_grasp(Item(BOWL, 0.04), replace(CELL, gripper=SuctionGripper(cups=(0.05,)))) is None
+    for turn in range(24):
+        found = best_grasp(Item(TILTED, 0.02, turn), CELL)
+        if found is not None:
+            top = Item(TILTED, 0.02, turn).mesh.vertices[:, 2].max()
+            assert found.point[2] <= top + 1e-9
+
+
+def test_an_item_without_a_grasp_is_set_aside() -> None:
+    cone = Item(Shape.from_mesh(creation.cone(0.2, 2.0), "cone"), 0.005)
+    box = RobotBox(CELLS, replace(CELL, reachable=False))
+    assert box.put(cone, (0, 0, 0)) == 0
+    assert box.placed[0].outcome is Outcome.NO_GRASP and not box.placed[0].counts
+    assert box.is_feasible(ITEMS[0], (0, 0, 0)) and box.density == 0
+    with pytest.raises(InfeasibleError, match="can't be held or reached"):
+        RobotBox(CELLS, CELL).put(cone, (0, 0, 0))
+
+
+def test_an_item_without_a_way_from_above_is_set_aside() -> None:
+    roof = RobotBox(CELLS, replace(CELL, reachable=False))
+    roof.put(block(8, 8, 20), (0, 0, 0))
+    roof.put(block(8, 8, 20), (6, 6, 0))
+    roof.put(block(38, 38, 2), (0, 0, 5))
+    low = block(8, 8, 4)
+    assert roof.is_feasible(low, (0, 6, 0))
+    roof.put(low, (0, 6, 0))
+    assert [one.outcome for one in roof.placed][-1] is Outcome.NO_PATH
+
+
+def test_a_weak_grasp_is_lost() -> None:
+    weak = SuctionGripper(cups=(0.016,), pressure=5_000, safety=1.0)
+    heavy = replace(CELL, gripper=weak, density=2700.0, acceleration=20.0)
+    box = RobotBox(CELLS, heavy)
+    box.put(block(20, 20, 12), (0, 0, 0))
+    assert box.placed[0].outcome is Outcome.LOST and not box.placed[0].counts
+
+
+def test_an_open_loop_sees_the_plan() -> None:
+    box = RobotBox(CELLS, replace(CELL, open_loop=True))
+    box.put(ITEMS[2], (0, 0, 2))
+    assert box.placed[0].displacement[0] > 0
+    assert not box.is_feasible(block(4, 4, 4), (1, 1, 3))  # the ball was planned there
+    closed = RobotBox(CELLS, CELL)
+    closed.put(ITEMS[2], (0, 0, 2))
+    assert closed.snapshot().placed[0].posed == closed.placed[0].posed
+
+
+def test_snapshots_are_restored(box: RobotBox) -> None:
+    saved = box.snapshot()
+    before = box.feasible(block(8, 8, 4))
+    other = RobotBox(CELLS, CELL)
+    other.restore(saved)
+    assert other.snapshot() == saved and np.array_equal(other.feasible(block(8, 8, 4)), before)
+    with pytest.raises(ArgumentError, match="can't be restored"):
+        RobotBox((40, 40, 44), CELL).restore(saved)
+
+
+@pytest.mark.parametrize("length", [0.001, 0.1, 1.0])
+def test_moves_are_timed_within_the_limits(length: float) -> None:
+    end = np.array((length, 0.0, 0.0, 0.0))
+    joints = straight(np.zeros(4), end, CELL, 1 / 240)
+    speeds = np.diff(joints[:, 0], prepend=0) * 240
+    assert np.allclose(joints[-1], end) and speeds.min() >= 0
+    assert speeds.max() <= CELL.speed + 1e-9
+    assert np.abs(np.diff(speeds)).max() * 240 <= CELL.acceleration * 1.5
+    assert len(straight(end, end, CELL, 1 / 240)) == 0
+
+
+def task_of(*items: Item, cells: Triple = CELLS) -> Task:
+    return Task(items, Pack(LibraryRef("none", "1", ""), cells, (), 0.0), ())
+
+
+LOW = GANTRY.replace('lower="0.0" upper="1.0"', 'lower="0.0" upper="0.2"')
+NARROW = GANTRY.replace('upper="1.0"', 'upper="0.05"', 1)
+ERRORS = [
+    ("<robot/>", "has no joints that move"),
+    ("nonsense", "can't be read"),
+    (GANTRY.replace("revolute", "prismatic"), "this needs prismatic, prismatic, prismatic"),
+    (LOW, "is higher than the reach of arm"),
+    (NARROW, "can't reach the box and the station: along x"),
+]
+
+
+@pytest.mark.parametrize(("urdf", "message"), ERRORS)
+def test_arms_that_do_not_do_are_refused(tmp_path: Path, urdf: str, message: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf)
+    with pytest.raises(ArgumentError, match=message) as raised:
+        RobotBox(CELLS, replace(CELL, arm=str(path))).check([Item(CUBE, 0.05)])
+    assert "\n" not in str(raised.value)
+
+
+def test_an_arm_of_the_users_own_packs_too(tmp_path: Path) -> None:
+    path = tmp_path / "own.urdf"
+    path.write_text(GANTRY)
+    assert Arm.of(replace(CELL, arm=str(path))).boxes == Arm.read(GANTRY).boxes
+    with pytest.raises(ArgumentError, match="arm 'panda' is not known: choose gantry, or"):
+        Arm.of(replace(CELL, arm="panda"))
+
+
+def test_items_and_boxes_that_do_not_go_are_refused_before_anything_is_simulated() -> None:
+    heavy = Rules(robot=replace(CELL, density=8000.0))
+    with pytest.raises(ArgumentError, match=r"weighs 5.18 kg: the largest cup lifts at most 2.46"):
+        Episode(task_of(block(20, 20, 60), cells=(40, 40, 80)), heavy)
+    with pytest.raises(ArgumentError, match="higher than the reach"):
+        Episode(task_of(ITEMS[0], cells=(40, 40, 400)), Rules(robot=CELL))
+    for wrong in ({"level": 2}, {"edge": 0}, {"gripper": {"cups": ()}}):
+        with pytest.raises(ArgumentError, match="is not possible"):
+            Rules.from_json({"robot": wrong})
+    with pytest.raises(ArgumentError, match="physics of its own"):
+        Rules(robot=CELL, kinematic=True)
+
+
+def test_a_missing_pybullet_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pybullet_module.cache_clear()
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    with pytest.raises(MissingPackageError, match="physics simulations need pybullet"):
+        Episode(task_of(ITEMS[0]), Rules(robot=CELL))
+
+
+def test_the_environment_rewards_what_the_arm_puts_in() -> None:
+    env = PackItEnv([task_of(*ITEMS)], robot=CELL, observation="none", max_shapes=4)
+    check_env(env, skip_render_check=True)
+    env.reset(seed=0)
+    total = 0.0
+    for shape in range(3):
+        env.step(shape)
+        _, _, _, _, info = env.step(0)
+        _, reward, over, _, info = env.step(int(np.argmax(info["action_mask"])))
+        assert reward > 0 and info["outcome"] == "placed"
+        total += reward
+    assert over and total == pytest.approx(1)
