@@ -49,6 +49,7 @@ from .parts.packings.item_types import ItemType as ItemType
 from .parts.packings.mesh_containers import MeshContainer as MeshContainer
 from .parts.packings.packing import Packing as Packing
 from .parts.reading.boxes import BoxType as BoxType
+from .parts.reading.limits import Limits as Limits
 from .parts.reading.part import Part as Part
 from .physics.convex.settings import DecompositionSettings as DecompositionSettings
 from .physics.quality import pack_quality as pack_quality

@@ -26,7 +26,7 @@ with lazy_imports():
     from packit_sim.cli import output, terminal
     from packit_sim.parts.reading import boxes as box_texts
     from packit_sim.parts.reading import files as part_files
-    from packit_sim.parts.reading import units
+    from packit_sim.parts.reading import limits, units
     from packit_sim.parts.results import check, record, summary
 
 
@@ -90,6 +90,14 @@ def pack_command(
     boxes: Annotated[
         int | None,
         typer.Option(min=1, help="Number of boxes of each size; default: one, or as needed."),
+    ] = None,
+    max_mass: Annotated[
+        list[str] | None,
+        typer.Option(help="Most mass of the parts in a box, such as 20kg; A:20kg for boxes A."),
+    ] = None,
+    max_parts: Annotated[
+        list[str] | None,
+        typer.Option(help="Most parts in a box, such as 12; A:12 for boxes A."),
     ] = None,
     unit: Annotated[
         Unit, typer.Option(help="Unit of files without one, such as STL, and of plain numbers.")
@@ -179,6 +187,7 @@ def pack_command(
         backend=backend,
         address=address,
         iterations=iterations,
+        limits=limits.read_limits(max_mass or (), max_parts or ()),
     )
     with stoppable(RESUMABLE), terminal.progress_bars() as progress:
         output.prepare_folder(out / "packing.json")

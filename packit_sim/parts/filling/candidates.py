@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.filtering import filter_packing
 from packit_sim.parts.handling.order import packing_order
 from packit_sim.parts.handling.supports import lowered
+from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.packings.packing import Packing
 
 
@@ -43,6 +46,14 @@ def candidate(task: PackTask, packings: Sequence[Packing], searches: int = 1) ->
 
 def _reasons(task: PackTask, packing: Packing) -> Mapping[int, str]:
     """Return the reason for each placement to leave out, by the first constraint that is broken."""
+    if faults := task.limits(packing).faults(masses := task.masses_in(packing)):
+        sums = task.limits(packing).sums(masses)
+        limits = ItemLimits(
+            np.array([own for own, _ in sums]), np.array([most for _, most in sums])
+        )
+        values = np.array([task.weights[one.type] for one in packing.placements])
+        excess = limits.excess(np.ones(len(masses), bool), values)
+        return {int(n): f"the box {faults[0]}" for n in excess}
     if not task.constraints.is_empty:
         first = len(task.fixed)
         filtered = filter_packing(task.with_fixed(packing), task.constraints)

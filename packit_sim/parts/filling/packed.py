@@ -131,9 +131,20 @@ class PackedParts:
                 continue
             reasons = Counter([why for number, why in self.rejected if number == n][:left])
             if left > reasons.total():
-                reasons["no space was found"] = left - reasons.total()
+                reasons[self._why_no_space(n)] = left - reasons.total()
             found += [LeftOut(each.part.name, count, why) for why, count in reasons.items()]
         return tuple(found)
+
+    def _why_no_space(self, number: int) -> str:
+        """Return why one more of a part is in no box."""
+        mass = self.task.parts[number].mass
+        is_full = [
+            self.task.limits(packing).faults([*self.task.masses_in(packing), mass])
+            for packing in self.packings
+        ]
+        if is_full and all(is_full):
+            return "a limit of the box is reached"
+        return "no space was found"
 
     @cached_property
     def score(self) -> tuple[float, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +16,9 @@ from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
 from packit_sim.parts.packings.rotation_sets import FIXED
-from packit_sim.parts.reading.boxes import Boxes, box_types, box_unit, unit_note
+from packit_sim.parts.reading.boxes import Boxes, BoxType, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts
+from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.mesh_boxes import with_meshes
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import (
@@ -77,7 +78,7 @@ def prepared_task(
     settings = replace(settings, unit=unit, reading=replace(settings.reading, accuracy=accuracy))
     count = settings.boxes or (None if objective == "boxes" else 1)
     box, outlines = with_meshes(box, unit, settings.reading, count)
-    boxes = box_types(box, unit, count)
+    boxes = _limited(box_types(box, unit, count), settings.limits)
     check_objective(objective, boxes)
     check_margin(settings.wall_clearance, boxes, unit)
     progress("reading", 0, 0)
@@ -117,6 +118,21 @@ def prepared_task(
     note = unit_note(box)
     notes = [*reading.notes, *([note] if note else []), *_notes(task)]
     return replace(task, notes=tuple(_joined(notes)))
+
+
+def _limited(
+    boxes: Sequence[BoxType], limits: Limits | Mapping[str, Limits]
+) -> tuple[BoxType, ...]:
+    """Return boxes with the limits that they do not have themselves."""
+    known = {"": limits} if isinstance(limits, Limits) else limits
+    names = [box.name for box in boxes]
+    if strange := [name for name in known if name and name not in names]:
+        raise ArgumentError(
+            f"limits are for box {strange[0]!r}, which there is not: choose from {', '.join(names)}"
+        )
+    general = known.get("", Limits())
+    own = [box.limits.over(known.get(box.name, Limits())).over(general) for box in boxes]
+    return tuple(replace(box, limits=each) for box, each in zip(boxes, own, strict=True))
 
 
 def _check_triangles(parts: Sequence[Part]) -> None:

@@ -25,6 +25,7 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.limits import ROUNDING, Limits
 from packit_sim.parts.reading.sizes import fits
 
 _FULL = 0.6
@@ -120,7 +121,7 @@ class PackingSearch:
         for box in self._boxes_by_size:
             stock = math.inf if box.count is None else box.count
             while left and stock > 0 and not self._bodies(box):
-                placements = shelved(task, left, box.size)
+                placements = shelved(task, self._allowed(box, left), box.size)
                 packing = Packing(task.types, task.container(box), placements, task.gap, "knapsack")
                 if not placements or packing.problems():
                     break
@@ -135,9 +136,28 @@ class PackingSearch:
         """Return whether all parts are packed, and in as few boxes as their volume allows."""
         if packed.counts != counts:
             return False
-        space = self._boxes_by_size[0].container.volume
-        fewest = max(1, math.ceil(packed.volume / space * (1 - 1e-6)))
+        box = self._boxes_by_size[0]
+        masses = [self._task.parts[n].mass for n in counts for _ in range(counts[n])]
+        shares = [sum(own) / most for own, most in box.limits.sums(masses)]
+        share = max(packed.volume / box.container.volume, *shares, 0.0)
+        fewest = max(1, math.ceil(share * (1 - 1e-6)))
         return self._task.objective != "boxes" or len(packed.packings) == fewest
+
+    def _allowed(self, box: BoxType, counts: Mapping[int, int]) -> dict[int, int]:
+        """Return how many of each part the limits of a box allow, the most valuable first."""
+        numbers = list(counts)
+        sums = box.limits.sums([self._task.parts[n].mass for n in numbers])
+        if not sums:
+            return dict(counts)
+        shares = np.array([np.array(own) / most for own, most in sums])
+        values = np.array([self._task.weights[n] for n in numbers])
+        left, found = np.full(len(sums), 1 + ROUNDING), {}
+        for k in np.argsort(-values / shares.max(axis=0), kind="stable").tolist():
+            copies = int(min(counts[numbers[k]], *(left // np.maximum(shares[:, k], 1e-15))))
+            left -= copies * shares[:, k]
+            if copies:
+                found[numbers[k]] = copies
+        return found
 
     @property
     def _boxes_by_size(self) -> list[BoxType]:
@@ -149,7 +169,7 @@ class PackingSearch:
 
     def _nest_all(self, counts: Mapping[int, int]) -> None:
         objective, first = self._task.objective, self._task.boxes[0]
-        is_plain = not any(self._bodies(box) for box in self._task.boxes)
+        is_plain = not any(self._bodies(b) or not b.limits.is_empty for b in self._task.boxes)
         may_be_together = objective == "boxes" and is_plain
         if may_be_together and self._can_all_fit(counts):
             self._fill_together(counts)
@@ -204,7 +224,8 @@ class PackingSearch:
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
             seed = self._seed + _NEXT_SEED * number
-            self._nest(self._inner(box), "knapsack", counts, end - before, better, start, seed)
+            inner = self._inner(box)
+            self._nest(inner, "knapsack", counts, end - before, better, start, seed, box.limits)
             start = None
             now = clock.perf_counter()
             is_over = self._stopped.is_set() or now + (now - before) > end
@@ -259,6 +280,7 @@ class PackingSearch:
         better: Callable[[Packing], None],
         start: Packing | None = None,
         seed: int | None = None,
+        limits: Limits = Limits(),
     ) -> None:
         """Nest some of the parts; the packings' types are those of all parts."""
         task, settings = self._task, self._task.settings
@@ -284,6 +306,7 @@ class PackingSearch:
                 settings.iterations,
                 start=None if start is None else self._start(start, types, numbers),
                 stop=self._stopped,
+                limits=limits.sums([task.parts[n].mass for n in numbers]),
             ),
         )
 
@@ -353,7 +376,7 @@ class PackingSearch:
         part = self._task.parts[number]
         margin = self._task.margin if margin is None else margin
         boxes = self._task.boxes if box is None else (box,)
-        return any(fits(part, each, margin) for each in boxes)
+        return any(each.limits.allow(part.mass) and fits(part, each, margin) for each in boxes)
 
     def _can_all_fit(self, counts: Mapping[int, int]) -> bool:
         """Return whether all parts probably fit the available boxes, filled together."""

@@ -26,6 +26,7 @@ from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.files import ReadSettings, UnreadFile
+from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
 from packit_sim.parts.reading.sizes import too_large
@@ -81,6 +82,9 @@ class PackSettings:
     separable : bool
         Whether every part can be moved out without turning, in some order and round corners, as if
         the box had no walls: no parts interlock.
+    limits : Limits or mapping of str to Limits
+        What one box may hold, where a box does not say so; or the same by the name of the boxes,
+        with those of all others by the name "".
 
     Raises
     ------
@@ -119,6 +123,7 @@ class PackSettings:
     iterations: int | None = None
     stop: threading.Event | None = None
     separable: bool = False
+    limits: Limits | Mapping[str, Limits] = Limits()
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
@@ -200,6 +205,8 @@ class PackTask:
                     f"{name} {fault}, in {self.unit}: choose a keep-out for what is not inside it"
                 )
         check_margin(self.margin, self.boxes, self.unit)
+        if any(box.limits.max_mass is not None for box in self.boxes):
+            self._check_masses("limits on the mass in a box")
         for box in self.boxes:
             self.constraints.check_container(box.container)
 
@@ -250,11 +257,8 @@ class PackTask:
         settings = self.settings
         parts = [each.part for each in self.all_parts]
         max_loads = {n: one.max_load for n, one in enumerate(parts) if one.max_load is not None}
-        for each in self.parts:
-            if max_loads and each.mass is None:
-                raise ArgumentError(
-                    f"load limits need masses: part {each.part.name!r} has no mass or density"
-                )
+        if max_loads:
+            self._check_masses("load limits")
         centimetres = UNITS_CM[self.unit]
         return Constraints(
             removable=settings.removable,
@@ -270,6 +274,23 @@ class PackTask:
             fixed=frozenset(range(len(self.fixed))),
             metres=centimetres / 100,
         )
+
+    def _check_masses(self, what: str) -> None:
+        """Raise ArgumentError if something needs masses that are not known."""
+        for each in self.parts:
+            if each.mass is None:
+                raise ArgumentError(
+                    f"{what} need masses: part {each.part.name!r} has no mass or density"
+                )
+
+    def limits(self, packing: Packing) -> Limits:
+        """Return the limits of the box of a packing."""
+        name = packing.container.name
+        return next((box.limits for box in self.boxes if box.name == name), Limits())
+
+    def masses_in(self, packing: Packing) -> list[float | None]:
+        """Return the grams of each part in a packing, without the fixed ones."""
+        return [self.parts[one.type].mass for one in packing.placements]
 
     @property
     def is_constrained(self) -> bool:
@@ -328,7 +349,10 @@ class PackTask:
         """SHA-256 of all that decides which packing is better."""
         settings = self.settings
         numbers = (settings.clearance, settings.wall_clearance, settings.accuracy, self.unit)
-        boxes = [(box.name, box.size, box.count) for box in self.boxes]
+        boxes = [
+            (box.name, box.size, box.count, *(() if box.limits.is_empty else (box.limits,)))
+            for box in self.boxes
+        ]
         asked = (settings.removable, settings.insertable, settings.separable, settings.stable)
         constraints = list(map(repr, settings.constraints))
         text = repr((self.objective, numbers, boxes, asked, constraints))

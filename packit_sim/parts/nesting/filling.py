@@ -104,9 +104,11 @@ def filled(
         for first in range(0, len(left), AT_ONCE):
             if budget is not None and first > 0 and budget.is_late:
                 break
-            some = left[first : first + AT_ONCE]
+            waiting = left[first : first + AT_ONCE]
             box, samples = boxes[k : k + 1], task.settings.construction_samples
-            construct(problem, state, some, box, samples, rng)
+            while len(some := task.addable(state.inside, waiting)):
+                construct(problem, state, some, box, samples, rng)
+                waiting = waiting[~np.isin(waiting, some)]
     return Poses.of(state)
 
 

@@ -41,6 +41,7 @@ class KnapsackSearch(NestSearch):
         super().__init__(task, seed, task.order)
         self._boxes = boxes_of([task.size])
         self._fits = np.ones(task.count, bool)
+        self._most_value = task.limits.most_value(task.values)
         self._failures = 0
         self._good = self._current = self._rebuilt = task.unplaced
         self._progress = 0.0  # when a box was last rebuilt
@@ -49,16 +50,21 @@ class KnapsackSearch(NestSearch):
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a more valuable box."""
         self.best = solution
-        self.is_done = bool((self._packed(solution.poses) | ~self._fits).all())
+        is_all = bool((self._packed(solution.poses) | ~self._fits).all())
+        self.is_done = is_all or -solution.score[0] >= self._most_value * (1 - 1e-9)
         if self._has_all and -solution.score[0] > self._value(self._good):
             self._good = self._current = solution.poses
 
     def _constructed(self, problem: Problem) -> Solution:
-        self._fits = np.isfinite(least_heights(problem, self._task))
+        possible = self._task.limits.possible(self._task.count)
+        self._fits = np.isfinite(least_heights(problem, self._task)) & possible
         sizes = [self._task.size]
         poses = constructed(problem, self._task, sizes, self._rng, self._budget)
         if problem.by_cells:
             poses = self._settled_and_filled(problem, poses)
+        # Cells and a packing to begin with do not know the limits.
+        excess = self._task.limits.excess(self._packed(poses), self._task.values)
+        poses = poses.changed(excess, 0)
         solution = self._solution(poses)
         is_late = self._budget is not None and self._budget.is_late
         self.is_cut = is_late and bool((self._fits & ~self._packed(poses)).any())
@@ -172,8 +178,12 @@ class KnapsackSearch(NestSearch):
         packed = np.flatnonzero(self._packed(old))
         values = self._task.values
         most, now = self._value(self._good), self._value(old)
+        limits = self._task.limits
+        left = limits.left(self._packed(old))
         least = np.inf
-        comes, goes = out[:1], packed[:1]
+        comes, goes = out[:0], packed[:1]
+        if not limits.count:
+            comes = out[:1]
         least_gain, enough = settings.exchange_gain
         for _ in range(settings.exchange_choices):
             some = self._choices.permutation(out)
@@ -181,7 +191,7 @@ class KnapsackSearch(NestSearch):
             others = self._choices.permutation(packed)
             others = others[: self._choices.integers(settings.max_removed + 1)]
             gain = now + values[some].sum() - values[others].sum() - most
-            if least_gain * most < gain < least:
+            if least_gain * most < gain < least and limits.allow(left, some, others):
                 comes, goes, least = some, others, gain
             if least < enough * most:
                 break

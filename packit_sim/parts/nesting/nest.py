@@ -23,6 +23,7 @@ from packit_sim.parts.nesting.bins import BinsSearch
 from packit_sim.parts.nesting.build import SLACK, count_fields
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.knapsacks import KnapsackSearch
+from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.nesting.pose_kernels import box_of
 from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.rounds import Limits, Problems, rounds
@@ -38,7 +39,7 @@ from packit_sim.parts.nesting.tasks import (
     Solution,
 )
 from packit_sim.parts.packings import checked_items
-from packit_sim.parts.packings.bounds import ITERATIONS, SECONDS, SEEDS
+from packit_sim.parts.packings.bounds import AMOUNTS, ITERATIONS, SECONDS, SEEDS
 from packit_sim.parts.packings.containers import BoxContainer, Container
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
@@ -87,6 +88,9 @@ class NestSettings:
     stop : threading.Event, optional
         Ends the search early when another thread sets it, as Ctrl-C does; the first packing is
         still returned.
+    limits : sequence of (sequence of float, float)
+        For the objective "knapsack", limits on what the box holds, such as a mass: an amount for
+        one of each item, and the largest sum of the amounts in the box.
     clock : str
         The clock of the time limit: "wall" time, or "processor" time of each search, which other
         work on the machine does not change.
@@ -112,6 +116,7 @@ class NestSettings:
     start: Packing | None = None
     stop: threading.Event | None = None
     clock: ClockName = "wall"
+    limits: Sequence[tuple[Sequence[float], float]] = ()
 
 
 def nest(
@@ -204,6 +209,7 @@ def nest(
     )
     kind = SEARCHES[objective] if has_fields else CellStripSearch
     task = _task(empty, containers, obstacles, settings.search)
+    task.limits = _limits(settings.limits, empty)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
 
@@ -276,6 +282,22 @@ def _task(
         settings,
         np.array([(each.low + each.high) / 2 for each in obstacles]).reshape(-1, 3),
     )
+
+
+def _limits(given: Sequence[tuple[Sequence[float], float]], empty: Packing) -> ItemLimits:
+    """Return limits on items from those on types."""
+    if given and empty.objective != "knapsack":
+        raise ArgumentError(f"limits are for the objective 'knapsack', not {empty.objective!r}")
+    types = empty.types
+    for amounts, most in given:
+        if len(amounts) != len(types):
+            raise ArgumentError(f"a limit has {len(amounts)} amounts for {len(types)} items")
+        for each in amounts:
+            check_range("an amount of a limit", each, AMOUNTS)
+        check_range("a limit", most, AMOUNTS)
+    table = np.array([amounts for amounts, _ in given], float).reshape(len(given), len(types))
+    demands = [each.demand for each in types]
+    return ItemLimits(table.repeat(demands, axis=1), np.array([most for _, most in given], float))
 
 
 def _poses(start: Packing, problem: Problem, task: SearchTask, empty: Packing) -> Poses:

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.nesting.problem import State, state_of
 from packit_sim.parts.nesting.settings import SearchSettings
 
@@ -167,6 +168,8 @@ class SearchTask:
         The positions of the obstacles.
     start : Poses, optional
         Poses to begin with; items in conflict there are placed again.
+    limits : ItemLimits
+        Limits on what is in the box, of a knapsack.
     """
 
     numbers: Ints
@@ -176,6 +179,7 @@ class SearchTask:
     settings: SearchSettings = field(default_factory=SearchSettings)
     obstacles: Floats = field(default_factory=lambda: np.empty((0, 3)))
     start: Poses | None = None
+    limits: ItemLimits = field(default_factory=ItemLimits)
 
     @property
     def size(self) -> tuple[float, float, float]:
@@ -199,7 +203,15 @@ class SearchTask:
         """Return a state of all items at the origin."""
         return state_of(self.numbers.tolist(), self.count)
 
+    def addable(self, inside: Ints, items: Ints) -> Ints:
+        """Return those items, in their order, that the limits allow besides those inside."""
+        return self.limits.addable(inside[: self.count] > 0, items)
+
     @cached_property
     def order(self) -> Ints:
-        """The items by value per volume, the highest first, and by volume where that is equal."""
-        return np.lexsort((-self.volumes, -self.values / self.volumes))
+        """The items by value per volume, the highest first, and by volume where that is equal.
+
+        Where limits run out before the space does, they count instead of the volume.
+        """
+        costs = self.limits.costs(self.values, self.volumes, math.prod(self.size))
+        return np.lexsort((-self.volumes, -self.values / costs))

@@ -36,6 +36,9 @@ MASSES = Range(1e-9, 1e12)
 LOADS = Range(0, 1e12)
 """Grams that may rest on a part."""
 
+AMOUNTS = Range(0, 1e15)
+"""Amounts that add up to a limit of a box, such as grams."""
+
 DENSITIES = Range(1e-9, 1e6)
 """Grams per cubic centimetre."""
 

@@ -16,6 +16,7 @@ from packit_sim.parts.packings.bounds import COUNTS
 from packit_sim.parts.packings.containers import BoxContainer, Container
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.mesh_containers import MeshContainer
+from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.units import lengths, unit_of
 
@@ -48,6 +49,8 @@ class BoxType:
         How many there are, at least 1; None for as many as are needed.
     form : CylinderContainer or MeshContainer, optional
         What they are instead of boxes; the sides are those of its bounding box.
+    limits : Limits
+        What one of them may hold.
 
     Raises
     ------
@@ -59,15 +62,22 @@ class BoxType:
     --------
     >>> from packit_sim import BoxType
     >>> BoxType((300, 200, 150), "A", count=2)
-    BoxType(size=(300.0, 200.0, 150.0), name='A', count=2, form=None)
+    BoxType(size=(300.0, 200.0, 150.0), name='A', count=2)
     >>> BoxType.parse("B:30x20x15cm=3", unit="mm")
-    BoxType(size=(300.0, 200.0, 150.0), name='B', count=3, form=None)
+    BoxType(size=(300.0, 200.0, 150.0), name='B', count=3)
     """
 
     size: tuple[float, float, float]
     name: str = "box"
     count: int | None = 1
     form: CylinderContainer | MeshContainer | None = None
+    limits: Limits = Limits()
+
+    def __repr__(self) -> str:
+        named = {"form": self.form} if self.form else {}
+        named |= {} if self.limits.is_empty else {"limits": self.limits}
+        more = "".join(f", {name}={value!r}" for name, value in named.items())
+        return f"BoxType(size={self.size}, name={self.name!r}, count={self.count}{more})"
 
     def __post_init__(self) -> None:
         container = BoxContainer(self.size)
@@ -148,11 +158,14 @@ class MeshBox:
         The container's name.
     count : int, optional
         How many there are: of a file, if its text says so; else None for as many as are needed.
+    limits : Limits
+        What one of them may hold.
     """
 
     mesh: Path | Part
     name: str
     count: int | None = None
+    limits: Limits = Limits()
 
     @classmethod
     def parse(cls, text: str) -> MeshBox | None:

@@ -16,6 +16,7 @@ from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.packings.rotation_sets import FIXED
 from packit_sim.parts.reading.boxes import Boxes, BoxType, MeshBox, OneBox
 from packit_sim.parts.reading.files import ReadSettings, find_parts
+from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart, prepare
 
@@ -65,7 +66,8 @@ def with_meshes(
             raise ArgumentError(f"container {part.name!r}: {error}") from None
         container = MeshContainer(prepared.item_type, name=box.name)
         outlines[box.name] = prepared
-        found.append(BoxType.of(container, own))
+        limits = each.limits if isinstance(each, (BoxType, MeshBox)) else Limits()
+        found.append(replace(BoxType.of(container, own), limits=limits))
     return found, outlines
 
 

@@ -24,7 +24,10 @@ _TINY = 0.005
 
 
 def fits(part: PreparedPart, box: BoxType, margin: float, factor: float = 1.0) -> bool:
-    """Return whether a part, enlarged by a factor, may fit into a box within its margin."""
+    """Return whether a part, enlarged by a factor, may fit into a box within its margin.
+
+    The box's limits are not considered.
+    """
     return box.container.has_space(part, margin, factor)
 
 
@@ -45,6 +48,11 @@ def too_large(
     str or None
         The reason, which names a likely mistake of units; None if the part fits into a box.
     """
+    light = [box for box in boxes if box.limits.allow(part.mass)]
+    if not light:
+        most = max(box.limits.max_mass or 0.0 for box in boxes)
+        return f"{part.mass:.5g} g is heavier than what {_boxes(boxes)} may hold, {most:.5g} g"
+    boxes = light
     if any(fits(part, box, margin) for box in boxes):
         return None
     reason = f"{lengths_text(part.item_type.extents)} {unit} is larger than "
@@ -124,6 +132,10 @@ def _larger(part: PreparedPart, boxes: Sequence[BoxType], margin: float) -> Unit
 
 def _fits_in_some_rotation(part: PreparedPart, box: BoxType) -> bool:
     return bool((np.sort(part.item_type.extents) <= np.sort(box.size)).all())
+
+
+def _boxes(boxes: Sequence[BoxType]) -> str:
+    return "every box" if len(boxes) > 1 else "the box"
 
 
 def _the_only(box: BoxType, unit: Unit) -> str:

@@ -21,6 +21,7 @@ from packit_sim.parts.packings.mesh_paths import file_inside
 from packit_sim.parts.reading.boxes import BoxType, MeshBox
 from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.reading.files import ReadSettings
+from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
 
@@ -98,7 +99,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
         )
 
 
-class RequestedBox(Struct):
+class RequestedBox(Struct, rename=lambda name: name.replace("_", " ")):
     """A size of boxes that was asked for, or another container.
 
     Attributes
@@ -107,6 +108,10 @@ class RequestedBox(Struct):
         What it is; the size is that of its bounding box.
     outline : RequestedPart, optional
         Its mesh, if it is one.
+    max_mass : float, optional
+        The most grams in one.
+    max_parts : int, optional
+        The most parts in one.
     """
 
     name: str
@@ -114,17 +119,20 @@ class RequestedBox(Struct):
     count: int | None
     form: FormName = "box"  # earlier versions had no other
     outline: RequestedPart | None = None
+    max_mass: float | None = None
+    max_parts: int | None = None
 
     def box(self, folder: Path, unit: Unit, copies: FileCopies) -> BoxType | MeshBox:
         """Return the box, with its mesh if it is one (see `RequestedPart.part`)."""
+        limits = Limits(self.max_mass, self.max_parts)
         if self.form == "box":
-            return BoxType(self.size, self.name, self.count)
+            return BoxType(self.size, self.name, self.count, limits=limits)
         if self.form == "cylinder":
             container = CylinderContainer(self.size[0], self.size[2], name=self.name)
-            return BoxType(self.size, self.name, self.count, container)
+            return BoxType(self.size, self.name, self.count, container, limits)
         if self.outline is None:
             raise MeshError(f"the container {self.name!r} has no mesh")
-        return MeshBox(self.outline.part(folder, unit, copies), self.name, self.count)
+        return MeshBox(self.outline.part(folder, unit, copies), self.name, self.count, limits)
 
 
 class Request(Struct, rename=lambda name: name.replace("_", " ")):
@@ -232,7 +240,8 @@ def _requested_box(
     task: PackTask, box: BoxType, mesh: str | None, files: Mapping[str, str]
 ) -> RequestedBox:
     outline = None if mesh is None else _requested(task.outlines[box.name], mesh, files)
-    return RequestedBox(box.name, box.size, box.count, form_of(box.container), outline)
+    limits = (box.limits.max_mass, box.limits.max_parts)
+    return RequestedBox(box.name, box.size, box.count, form_of(box.container), outline, *limits)
 
 
 def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str]) -> RequestedPart:

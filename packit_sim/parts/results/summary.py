@@ -38,6 +38,10 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
     if found is not None and found.distance is not None:
         texts["smallest distance"] = f"{found.distance:.4g} {unit}"
     texts["mass"] = "unknown" if packed.mass is None else f"{packed.mass:.5g} g"
+    limits = [task.limits(each).text(task.masses_in(each)) for each in packed.packings]
+    if any(limits):
+        numbered = [f"box {n}: {text}" for n, text in enumerate(limits, start=1) if text]
+        texts["limits"] = limits[0] if len(limits) == 1 else "; ".join(numbered)
     by = "mass" if packed.mass is not None else "volume"
     for number, packing in enumerate(packed.packings, start=1):
         name = "centre of gravity" if len(boxes) == 1 else f"centre, box {number}"

@@ -50,7 +50,7 @@ REQUEST = (
 
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
-_DIGITS = {"volume": 6, "height": 5, "mass": 5}
+_DIGITS = {"volume": 6, "height": 5, "mass": 5, "limits": 5}
 """Digits of the numbers of the summary; the others have 4."""
 
 _SAME = 1e-6
@@ -209,6 +209,9 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     packed = PackedParts(task, tuple(packings))
     checked = check(packed)
     found += checked.problems
+    for number, packing in enumerate(packings, start=1):
+        faults = task.limits(packing).faults(task.masses_in(packing))
+        found += [f"box {number} {fault}" for fault in faults]
     constraints = replace(task.constraints, stable=None)
     if not constraints.is_empty:
         for contents in packed.contents:
