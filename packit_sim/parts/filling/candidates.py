@@ -47,10 +47,8 @@ def candidate(task: PackTask, packings: Sequence[Packing], searches: int = 1) ->
 def _reasons(task: PackTask, packing: Packing) -> Mapping[int, str]:
     """Return the reason for each placement to leave out, by the first constraint that is broken."""
     if faults := task.limits(packing).faults(masses := task.masses_in(packing)):
-        sums = task.limits(packing).sums(masses)
-        limits = ItemLimits(
-            np.array([own for own, _ in sums]), np.array([most for _, most in sums])
-        )
+        amounts, most = zip(*task.limits(packing).sums(masses), strict=True)
+        limits = ItemLimits(np.array(amounts), np.array(most))
         values = np.array([task.weights[one.type] for one in packing.placements])
         excess = limits.excess(np.ones(len(masses), bool), values)
         return {int(n): f"the box {faults[0]}" for n in excess}

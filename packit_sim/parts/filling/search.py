@@ -25,7 +25,7 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType
-from packit_sim.parts.reading.limits import ROUNDING, Limits
+from packit_sim.parts.reading.limits import NO_LIMITS, ROUNDING, Limits
 from packit_sim.parts.reading.sizes import fits
 
 _FULL = 0.6
@@ -280,7 +280,7 @@ class PackingSearch:
         better: Callable[[Packing], None],
         start: Packing | None = None,
         seed: int | None = None,
-        limits: Limits = Limits(),
+        limits: Limits = NO_LIMITS,
     ) -> None:
         """Nest some of the parts; the packings' types are those of all parts."""
         task, settings = self._task, self._task.settings

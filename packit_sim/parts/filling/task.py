@@ -26,7 +26,7 @@ from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.files import ReadSettings, UnreadFile
-from packit_sim.parts.reading.limits import Limits
+from packit_sim.parts.reading.limits import NO_LIMITS, Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
 from packit_sim.parts.reading.sizes import too_large
@@ -123,7 +123,7 @@ class PackSettings:
     iterations: int | None = None
     stop: threading.Event | None = None
     separable: bool = False
-    limits: Limits | Mapping[str, Limits] = Limits()
+    limits: Limits | Mapping[str, Limits] = NO_LIMITS
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
@@ -286,7 +286,7 @@ class PackTask:
     def limits(self, packing: Packing) -> Limits:
         """Return the limits of the box of a packing."""
         name = packing.container.name
-        return next((box.limits for box in self.boxes if box.name == name), Limits())
+        return next((box.limits for box in self.boxes if box.name == name), NO_LIMITS)
 
     def masses_in(self, packing: Packing) -> list[float | None]:
         """Return the grams of each part in a packing, without the fixed ones."""

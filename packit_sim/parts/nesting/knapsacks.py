@@ -62,15 +62,22 @@ class KnapsackSearch(NestSearch):
         poses = constructed(problem, self._task, sizes, self._rng, self._budget)
         if problem.by_cells:
             poses = self._settled_and_filled(problem, poses)
-        # Cells and a packing to begin with do not know the limits.
-        excess = self._task.limits.excess(self._packed(poses), self._task.values)
-        poses = poses.changed(excess, 0)
+        poses = self._within_limits(poses)
+        if self._task.limits.count:  # which need not run out: then the order by volume is better
+            order = np.lexsort((-self._task.volumes, -self._task.values / self._task.volumes))
+            other = constructed(problem, self._task, sizes, self._rng, self._budget, order)
+            poses = max(poses, self._within_limits(other), key=self._value)
         solution = self._solution(poses)
         is_late = self._budget is not None and self._budget.is_late
         self.is_cut = is_late and bool((self._fits & ~self._packed(poses)).any())
         self._good = self._current = self._own(solution.poses)
         self._rebuilt = solution.poses
         return solution
+
+    def _within_limits(self, poses: Poses) -> Poses:
+        """Take out items beyond the limits, which cells and packings to begin with do not know."""
+        excess = self._task.limits.excess(self._packed(poses), self._task.values)
+        return poses.changed(excess, 0)
 
     def _settled_and_filled(self, problem: Problem, poses: Poses) -> Poses:
         """Let items settle, which leaves space above them, and fill it, while that gains value."""

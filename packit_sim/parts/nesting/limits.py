@@ -54,7 +54,7 @@ class ItemLimits:
         """Return which of all items (n,) may be in a box, at least alone."""
         if not self.count:
             return np.ones(count, bool)
-        return (self.amounts <= self.most[:, None] * (1 + _ROUNDING)).all(axis=0)
+        return np.asarray(np.all(self.amounts <= self.most[:, None] * (1 + _ROUNDING), axis=0))
 
     def addable(self, packed: npt.NDArray[np.bool_], items: Ints) -> Ints:
         """Return those items, in their order, that may all be added to some others (n,)."""

@@ -16,7 +16,7 @@ from packit_sim.parts.packings.bounds import COUNTS
 from packit_sim.parts.packings.containers import BoxContainer, Container
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.mesh_containers import MeshContainer
-from packit_sim.parts.reading.limits import Limits
+from packit_sim.parts.reading.limits import NO_LIMITS, Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.units import lengths, unit_of
 
@@ -71,7 +71,7 @@ class BoxType:
     name: str = "box"
     count: int | None = 1
     form: CylinderContainer | MeshContainer | None = None
-    limits: Limits = Limits()
+    limits: Limits = NO_LIMITS
 
     def __repr__(self) -> str:
         named = {"form": self.form} if self.form else {}
@@ -165,7 +165,7 @@ class MeshBox:
     mesh: Path | Part
     name: str
     count: int | None = None
-    limits: Limits = Limits()
+    limits: Limits = NO_LIMITS
 
     @classmethod
     def parse(cls, text: str) -> MeshBox | None:

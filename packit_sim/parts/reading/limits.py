@@ -97,6 +97,9 @@ class Limits:
         return found
 
 
+NO_LIMITS = Limits()
+
+
 def grams(text: str) -> float:
     """Read a mass, such as "20kg".
 
