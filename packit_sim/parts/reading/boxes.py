@@ -74,7 +74,7 @@ class BoxType:
     limits: Limits = NO_LIMITS
 
     def __repr__(self) -> str:
-        named = {"form": self.form} if self.form else {}
+        named: dict[str, object] = {"form": self.form} if self.form else {}
         named |= {} if self.limits.is_empty else {"limits": self.limits}
         more = "".join(f", {name}={value!r}" for name, value in named.items())
         return f"BoxType(size={self.size}, name={self.name!r}, count={self.count}{more})"

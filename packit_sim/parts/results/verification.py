@@ -210,8 +210,8 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     checked = check(packed)
     found += checked.problems
     for number, packing in enumerate(packings, start=1):
-        faults = task.limits(packing).faults(task.masses_in(packing))
-        found += [f"box {number} {fault}" for fault in faults]
+        broken = task.limits(packing).faults(task.masses_in(packing))
+        found += [f"box {number} {fault}" for fault in broken]
     constraints = replace(task.constraints, stable=None)
     if not constraints.is_empty:
         for contents in packed.contents:
