@@ -96,18 +96,29 @@ UNREAD: dict[str, tuple[int, str, int, str, Any]] = {
 
 @pytest.mark.parametrize("what", UNREAD)
 def test_the_judge_reads_every_field_of_the_request(what: str, right: list[Case]) -> None:
-    number, group, place, field, value = UNREAD[what]
-    case = right[number]
-    record = json.loads(json.dumps(case.record))
-    record["request"][group][place][field] = value
+    record = _changed(right, what)
+    case = right[UNREAD[what][0]]
     assert Judge(case.folder, case.record).verdict(json.dumps(record).encode()).state == "wrong"
-    file = case.folder / "changed.json"
-    file.write_text(json.dumps(record))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", UNREAD)
+def test_what_the_judge_refuses_is_not_valid(what: str, right: list[Case]) -> None:
+    number, _, _, field, _ = UNREAD[what]
+    file = right[number].folder / "changed.json"
+    file.write_text(json.dumps(_changed(right, what)))
     try:
         assert verification.verify_record(file).problems
     except PackItError as error:
         assert field in str(error)  # noqa: PT017
     file.unlink()
+
+
+def _changed(right: list[Case], what: str) -> dict[str, Any]:
+    number, group, place, field, value = UNREAD[what]
+    record: dict[str, Any] = json.loads(json.dumps(right[number].record))
+    record["request"][group][place][field] = value
+    return record
 
 
 def test_the_judge_refuses_a_name_that_is_too_long(right: list[Case]) -> None:

@@ -35,7 +35,8 @@ def pack_command(
         list[str],
         typer.Argument(
             metavar="PARTS",
-            help="Mesh files, FILE=COUNT for several of one, folders, or manifests (.csv, .xlsx).",
+            help="Mesh files, folders, or manifests (.csv, .xlsx). FILE=4: four of one, FILE=max: "
+            "as many as fit, FILE=fill: the same after everything else.",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the packing.")],
@@ -235,15 +236,14 @@ def pack_command(
 
 def _missing(packed: packit_sim.PackedParts) -> str:
     """Return a sentence on what is not packed; none if all is."""
-    parts, files = sum(each.count for each in packed.left_out), len(packed.unread)
+    parts, files = sum(each.count for each in packed.missed), len(packed.unread)
     what = [f"{parts} part{'s' * (parts > 1)} left out"] if parts else []
     what += [f"{files} file{'s' * (files > 1)} not read"] if files else []
     return f"not all is packed: {' and '.join(what)}" if what else ""
 
 
 def _note(packed: packit_sim.PackedParts) -> str:
-    total = sum(part.part.count for part in packed.task.parts)
-    text = f"{packed.count} of {total} parts, density {packed.density:.3f}"
+    text = f"{packed.packed_of_asked}, density {packed.density:.3f}"
     if packed.task.objective == "height":
         text += f", height {packed.height:.5g} {packed.task.unit}"
     return text + (f", {len(packed.packings)} boxes" if len(packed.packings) > 1 else "")

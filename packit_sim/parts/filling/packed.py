@@ -118,6 +118,20 @@ class PackedParts:
         """The number of copies packed of each part, by its number in the task."""
         return Counter(one.type for _, one in self.placements)
 
+    @property
+    def packed_of_asked(self) -> str:
+        """How many parts are packed, and of how many if not of as many as fit."""
+        parts = [each.part for each in self.task.parts]
+        asked = sum(part.count for part in parts)
+        of = "" if any(part.as_many_as_fit for part in parts) else f"of {asked} "
+        return f"{self.count} {of}parts"
+
+    @property
+    def missed(self) -> tuple[LeftOut, ...]:
+        """The parts that are not packed, without those of which as many as fit were asked for."""
+        surplus = {each.part.name for each in self.task.parts if each.part.as_many_as_fit}
+        return tuple(each for each in self.left_out if each.name not in surplus)
+
     @cached_property
     def left_out(self) -> tuple[LeftOut, ...]:
         """The parts that are not packed, with the reasons."""

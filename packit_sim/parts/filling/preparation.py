@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +36,9 @@ _LARGE = 200_000
 
 MAX_TRIANGLES = 20_000_000
 """Most triangles of all parts together, each counted once however many of it there are."""
+
+_ROUNDING = 1e-6
+"""Relative rounding of volumes, where copies of a part fill a box without a gap."""
 
 _FEW = 3
 """Notes on different parts that are alike and yet given one by one."""
@@ -103,7 +106,7 @@ def prepared_task(
     if not prepared:
         raise ArgumentError(f"no part can be packed: {unread[0].source}: {unread[0].reason}")
     task = PackTask(
-        tuple(prepared),
+        tuple(_bounded(prepared, boxes)),
         boxes,
         objective,
         settings,
@@ -133,6 +136,23 @@ def _limited(
     general = known.get("", Limits())
     own = [box.limits.over(known.get(box.name, Limits())).over(general) for box in boxes]
     return tuple(replace(box, limits=each) for box, each in zip(boxes, own, strict=True))
+
+
+def _bounded(parts: Iterable[PreparedPart], boxes: Sequence[BoxType]) -> Iterator[PreparedPart]:
+    """Yield parts: of those of which as many as fit are packed, no more than have space."""
+    for each in parts:
+        if each.part.as_many_as_fit:
+            if endless := [box.name for box in boxes if box.count is None]:
+                raise ArgumentError(
+                    f"part {each.part.name!r}: as many as fit needs a number of boxes: "
+                    f"{endless[0]!r} has none"
+                )
+            space = sum(box.container.volume * (box.count or 0) for box in boxes)
+            most = space / max(each.volume, 1e-300) * (1 + _ROUNDING)
+            count = max(1, int(min(each.part.count, most)))
+            kind = replace(each.item_type, demand=count)
+            each = replace(each, part=replace(each.part, count=count), item_type=kind)
+        yield each
 
 
 def _check_triangles(parts: Sequence[Part]) -> None:

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import glob
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
 from packit_sim.core.extras import MissingPackageError
@@ -20,13 +21,13 @@ from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.mesh_files import SUFFIXES, read, read_parts
 from packit_sim.libraries.raw_meshes import RawPart
 from packit_sim.libraries.step_files import SUFFIXES as STEP
-from packit_sim.parts.packings.bounds import LENGTHS
+from packit_sim.parts.packings.bounds import COUNTS, LENGTHS
 from packit_sim.parts.reading.file_copies import FileCopies, FileCopy
-from packit_sim.parts.reading.manifest import MANIFESTS, ManifestRow, read_manifest
+from packit_sim.parts.reading.manifest import MANIFESTS, SURPLUS, ManifestRow, read_manifest
 from packit_sim.parts.reading.part import Part, rotation_set
 from packit_sim.parts.reading.units import check_unit
 
-_COUNTED = re.compile(r"(?P<path>.+)=(?P<count>\d{1,30})")
+_COUNTED = re.compile(r"(?P<path>.+)=(?P<count>\d{1,30}|max|fill)")
 
 _PLATES = (".3mf", *STEP)
 """Suffixes of files whose scenes are plates of separate parts, unless `split` says otherwise."""
@@ -175,34 +176,37 @@ def _defines_unit(file: Path) -> bool:
 def _rows(source: Path | str, unread: list[UnreadFile], notes: list[str]) -> Iterator[ManifestRow]:
     """Yield the files that a source names; add rows of a manifest that can't be read, and notes."""
     path = Path(source)
-    count = 1
+    settings: Mapping[str, Any] = {"count": 1}
     match = _COUNTED.fullmatch(str(source))
     if match and not exists(path):
-        path, count = Path(match["path"]), int(match["count"])
-        if count == 0:
+        path = Path(match["path"])
+        settings = SURPLUS.get(match["count"]) or {"count": int(match["count"])}
+        if settings["count"] == 0:
             return
     before, _, behind = str(source).rpartition("=")
     if before and not match and not exists(path) and exists(Path(before)):
         raise ArgumentError(
-            f"{source}: {behind!r} is not a count: choose a number, as in {before}=4"
+            f"{source}: {behind!r} is not a count: choose a number, as in {before}=4, "
+            f"or {' or '.join(SURPLUS)}"
         )
     if exists(path) and path.is_dir():
         for file in _folder_files(path):
-            yield ManifestRow(file, {"count": count})
+            yield ManifestRow(file, settings)
     elif path.suffix.lower() in MANIFESTS:
         manifest = read_manifest(path)
         notes += manifest.notes
         unread += [UnreadFile(where, reason) for where, reason in manifest.unread]
         for row in manifest.rows:
-            yield replace(row, settings={**row.settings, "count": row.count * count})
+            count = row.count * settings["count"]
+            yield replace(row, settings={**row.settings, **settings, "count": count})
     elif exists(path) or not glob.has_magic(str(path)):
-        yield ManifestRow(path, {"count": count})
+        yield ManifestRow(path, settings)
     else:
         files = sorted(glob.glob(str(path)))
         if not files:
             raise ArgumentError(f"{path}: no file has such a name")
         for name in files:
-            yield ManifestRow(Path(name), {"count": count})
+            yield ManifestRow(Path(name), settings)
 
 
 def _folder_files(path: Path) -> list[Path]:
@@ -250,6 +254,8 @@ def _parts(
         if len(raw_parts) > 1 or (each.node and each.name and "name" not in row.settings):
             name = f"{name}/{each.name}"
         options["count"] = row.count * each.count
+        if options.get("as_many_as_fit"):
+            options["count"] = min(options["count"], int(COUNTS.high))
         unit = options.pop("unit", None)
         notes += [f"{row.file.name}: {note}" for note in each.raw.notes]
         known, unit_cm = _unit(each.raw.unit_cm, str(unit or settings.unit))

@@ -16,6 +16,7 @@ from typing import Any
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.typed_json import MAX_DIGITS, refuse_long_integers
 from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.packings.bounds import COUNTS, PRIORITIES
 from packit_sim.parts.reading.tables import (
     Table,
     as_number,
@@ -36,6 +37,16 @@ def _yes_or_no(value: object) -> bool:
             return meaning
     raise ValueError
 
+
+SURPLUS: Mapping[str, Mapping[str, Any]] = {
+    "max": {"count": int(COUNTS.high), "as_many_as_fit": True},
+    "fill": {
+        "count": int(COUNTS.high),
+        "as_many_as_fit": True,
+        "priority": int(PRIORITIES.low),
+    },
+}
+"""Words instead of a count, with what they mean: as many as fit, and that after everything else."""
 
 _FIELDS: Mapping[str, Callable[[Any], object]] = {
     "file": str,
@@ -243,6 +254,7 @@ def _json_entries(path: Path) -> Iterable[Mapping[str, Any]]:
 def _fields(entry: Mapping[str, Any], is_comma: bool) -> dict[str, Any]:
     """Check the fields of a part."""
     found: dict[str, Any] = {}
+    surplus: Mapping[str, Any] = {}
     for name, value in entry.items():
         if name not in _FIELDS:
             raise ArgumentError(
@@ -251,6 +263,9 @@ def _fields(entry: Mapping[str, Any], is_comma: bool) -> dict[str, Any]:
         is_wrong = isinstance(value, bool) and name != "no_stack"
         if is_wrong or not isinstance(value, (str, int, float)):
             raise ArgumentError(f"{name} {reprlib.repr(value)} is not possible")
+        if name == "count" and str(value).strip().lower() in SURPLUS:
+            surplus = SURPLUS[str(value).strip().lower()]
+            continue
         try:
             found[name] = _value(name, value, is_comma)
         except (TypeError, ValueError, OverflowError) as error:
@@ -258,12 +273,13 @@ def _fields(entry: Mapping[str, Any], is_comma: bool) -> dict[str, Any]:
                 raise ArgumentError(f"{name} {error}" if name != "unit" else str(error)) from None
             kinds = {_yes_or_no: "yes or no", int: "a whole number"}
             what = kinds.get(_FIELDS[name], "a number")
+            what += f", {' or '.join(SURPLUS)}" * (name == "count")
             raise ArgumentError(f"{name} {reprlib.repr(value)} is not {what}") from None
     if not found.get("file"):
         raise ArgumentError("it has no file")
     if found.get("count", 1) < 0:
         raise ArgumentError(f"count {found['count']} is not possible: at least 0")
-    return found
+    return {**found, **surplus}
 
 
 def _value(name: str, value: Any, is_comma: bool) -> object:

@@ -77,6 +77,8 @@ class Part:
         The mesh, in the coordinates of its file.
     count : int
         How many of it to pack, 1 to 10,000.
+    as_many_as_fit : bool
+        Whether the count is only the most of it: copies without a place are not missed.
     value : float, optional
         Its value, 0 to 1e12, for the objective "value"; without one it counts as 1 there.
     rotations : str
@@ -143,6 +145,7 @@ class Part:
     copy: FileCopy | None = field(default=None, repr=False)
     node: str | None = None
     deviation: float = 0.0
+    as_many_as_fit: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", plain_line(self.name))
@@ -190,6 +193,8 @@ class Part:
         )
         loads = (self.mass, self.density, self.no_stack, self.max_load)
         sha.update(repr((self.name, settings, loads)).encode())
+        if self.as_many_as_fit:
+            sha.update(b"as many as fit")
         return sha.hexdigest()
 
     @property

@@ -39,6 +39,8 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
         How many of the record's unit the file's unit has.
     deviation : float
         How far the mesh is from the surface of a CAD file, in the file's unit.
+    as_many_as_fit : bool
+        Whether the count is only the most of it.
     """
 
     name: str
@@ -55,6 +57,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
     no_stack: bool
     max_load: float | None
     deviation: float
+    as_many_as_fit: bool = False  # earlier versions had no such parts
 
     def part(self, folder: Path, unit: Unit, copies: FileCopies) -> Part:
         """Read the part.
@@ -96,6 +99,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
             file=file,
             deviation=self.deviation,
             copy=copy,
+            as_many_as_fit=self.as_many_as_fit,
         )
 
 
@@ -262,4 +266,5 @@ def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str
         part.no_stack,
         part.max_load,
         part.deviation,
+        part.as_many_as_fit,
     )

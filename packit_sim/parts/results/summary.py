@@ -24,10 +24,9 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         The texts, with units.
     """
     task, unit = packed.task, packed.task.unit
-    total = sum(part.part.count for part in task.parts)
     boxes = [packing.container for packing in packed.packings]
     texts = {
-        "packed": f"{packed.count} of {total} parts",
+        "packed": packed.packed_of_asked,
         "boxes": ", ".join(f"{box.name} {container_text(box, unit)}" for box in boxes) or "none",
         "volume": f"{packed.volume:.6g} {unit}³",
         "density": f"{packed.density:.3f}",
@@ -84,8 +83,11 @@ def table(packed: PackedParts, found: Check | None = None) -> str:
     """
     rows = [("part", "asked", "packed", "left out, and why")]
     for n, each in enumerate(packed.task.parts):
-        name, count = each.part.name, each.part.count
-        rows.append((name, f"{count}", f"{packed.counts[n]}", why_left_out(packed, name)))
+        name, count = each.part.name, f"{packed.counts[n]}"
+        if each.part.as_many_as_fit and packed.counts[n]:
+            rows.append((name, "max", count, ""))
+        else:
+            rows.append((name, f"{each.part.count}", count, why_left_out(packed, name)))
     rows += [(Path(one.source).name, "", "0", f"file: {one.reason}") for one in packed.unread]
     widths = [max(len(row[n]) for row in rows) for n in range(3)]
     lines = [

@@ -1,0 +1,137 @@
+"""Draw four moments of a recorded execution: presented, held, on the way down, and packed.
+
+    .venv/bin/python -m benchmarks.robot_pictures build/robot/everyday-v1-closed-loop.jsonl
+
+Draws one attempt of the first result of a file, by PyBullet's software renderer, side by side into
+the page about the robot.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pybullet
+import trimesh
+from PIL import Image
+
+from benchmarks.common import argument_parser
+from packit_sim import ShapeLibrary
+from packit_sim.game.datasets.execution_checks import trajectories_folder
+from packit_sim.game.evaluation.results import read_results
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.lattice import CELL
+from packit_sim.render.coloring import color_of
+from packit_sim.robot.arms import Arm, box_shift
+from packit_sim.robot.trajectory import Trajectory
+
+PICTURE = Path(__file__).parents[1] / "docs" / "images" / "robot.png"
+
+SIDE = 440
+"""Pixels of a moment's picture."""
+
+EDGE = 0.006
+"""Thickness of the box's edges, m."""
+
+STEEL, TABLE, RIM = (0.55, 0.6, 0.66, 1), (0.93, 0.92, 0.9, 1), (0.35, 0.3, 0.25, 1)
+
+
+def main() -> None:
+    parser = argument_parser(__doc__)
+    parser.add_argument("results", type=Path)
+    parser.add_argument("--attempt", type=int, default=10)
+    options = parser.parse_args()
+    rollout = read_results(options.results)[0]
+    library = ShapeLibrary.open(rollout.pack.library.name)
+    file = trajectories_folder(options.results) / f"{rollout.played.trajectory}.npz"
+    trajectory = Trajectory.from_bytes(file.read_bytes(), library.__getitem__)
+    own = trajectory.attempts[options.attempt].recording
+    begin, end = own.held
+    highest = begin + int(own.joints[begin:end, 2].argmax())
+    steps = (begin, highest, (highest + 2 * end) // 3, len(own.joints) - 1)
+    pictures = [drawn(trajectory, options.attempt, step) for step in steps]
+    PICTURE.parent.mkdir(exist_ok=True)
+    Image.fromarray(np.concatenate(pictures, axis=1)).save(PICTURE, optimize=True)
+    print(f"wrote {PICTURE}: steps {steps} of item {options.attempt}")
+
+
+def drawn(trajectory: Trajectory, attempt: int, step: int) -> Any:
+    """Return the picture (height, width, 3) of a moment, as uint8."""
+    cell = trajectory.cell
+    client = pybullet.connect(pybullet.DIRECT)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            for number, rows in poses(trajectory, attempt, step).items():
+                item = trajectory.attempts[number].chosen.item
+                mesh = item.turned(0).mesh
+                path = Path(folder) / f"{number}.obj"
+                trimesh.Trimesh(mesh.vertices * cell.edge, mesh.faces, process=False).export(path)
+                color = (*(np.array(color_of(item.shape)) / 255).tolist(), 1)
+                w, x, y, z = rows[3:].tolist()
+                _add(client, rows[:3] * cell.edge, color, file=str(path), turn=(x, y, z, w))
+            joints = trajectory.attempts[attempt].recording.joints[step]
+            for box in Arm.of(cell).boxes:
+                _add(client, box_shift(box, joints) + box.center, STEEL, np.array(box.size))
+            x, y, z = np.array(trajectory.cells) * CELL * cell.edge
+            for a, b in product((0, 1), repeat=2):
+                _add(client, (x / 2, a * y, b * z), RIM, np.array((x + EDGE, EDGE, EDGE)))
+                _add(client, (a * x, y / 2, b * z), RIM, np.array((EDGE, y + EDGE, EDGE)))
+                _add(client, (a * x, b * y, z / 2), RIM, np.array((EDGE, EDGE, z)))
+            _add(client, (x / 2, 0, -0.01), TABLE, np.array((3, 3, 0.02)))
+            view = pybullet.computeViewMatrix(
+                (x / 2 - 0.75, -0.95, 0.95), (x / 2, y * 0.75, z * 0.6), (0, 0, 1)
+            )
+            lens = pybullet.computeProjectionMatrixFOV(42, 1, 0.1, 5)
+            _, _, pixels, *_ = pybullet.getCameraImage(
+                2 * SIDE,
+                2 * SIDE,
+                view,
+                lens,
+                lightDirection=(-0.6, -1, 2),
+                shadow=1,
+                renderer=pybullet.ER_TINY_RENDERER,
+                physicsClientId=client,
+            )
+            image = Image.fromarray(np.asarray(pixels, np.uint8).reshape(2 * SIDE, 2 * SIDE, 4))
+            return np.asarray(image.convert("RGB").resize((SIDE, SIDE), Image.Resampling.LANCZOS))
+    finally:
+        pybullet.disconnect(client)
+
+
+def poses(trajectory: Trajectory, attempt: int, step: int) -> dict[int, Floats]:
+    """Return position and quaternion (7,) of each item that was tried so far."""
+    found: dict[int, Floats] = {}
+    for number in range(attempt + 1):
+        own = trajectory.attempts[number].recording
+        for row, pose in zip(own.rows, own.poses, strict=True):
+            if number < attempt or row[0] <= step:
+                found[int(row[1])] = pose
+    return found
+
+
+def _add(
+    client: int,
+    place: Any,
+    color: tuple[float, ...],
+    size: Floats | None = None,
+    file: str = "",
+    turn: tuple[float, ...] = (0, 0, 0, 1),
+) -> None:
+    if size is not None:
+        form = {"shapeType": pybullet.GEOM_BOX, "halfExtents": (size / 2).tolist()}
+    else:
+        form = {"shapeType": pybullet.GEOM_MESH, "fileName": file}
+    shape = pybullet.createVisualShape(**form, rgbaColor=color, physicsClientId=client)
+    pybullet.createMultiBody(
+        baseVisualShapeIndex=shape,
+        basePosition=list(map(float, place)),
+        baseOrientation=turn,
+        physicsClientId=client,
+    )
+
+
+if __name__ == "__main__":
+    main()
