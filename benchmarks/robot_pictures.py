@@ -69,7 +69,7 @@ def drawn(trajectory: Trajectory, attempt: int, step: int) -> Any:
                 mesh = item.turned(0).mesh
                 path = Path(folder) / f"{number}.obj"
                 trimesh.Trimesh(mesh.vertices * cell.edge, mesh.faces, process=False).export(path)
-                color = (*(np.array(color_of(item.shape)) / 255).tolist(), 1)
+                color = (*color_of(item.shape)[:3], 1)
                 w, x, y, z = rows[3:].tolist()
                 _add(client, rows[:3] * cell.edge, color, file=str(path), turn=(x, y, z, w))
             joints = trajectory.attempts[attempt].recording.joints[step]
@@ -82,9 +82,9 @@ def drawn(trajectory: Trajectory, attempt: int, step: int) -> Any:
                 _add(client, (a * x, b * y, z / 2), RIM, np.array((EDGE, EDGE, z)))
             _add(client, (x / 2, 0, -0.01), TABLE, np.array((3, 3, 0.02)))
             view = pybullet.computeViewMatrix(
-                (x / 2 - 0.75, -0.95, 0.95), (x / 2, y * 0.75, z * 0.6), (0, 0, 1)
+                (x / 2 - 0.8, -0.6, 0.85), (x / 2, y, z * 0.75), (0, 0, 1)
             )
-            lens = pybullet.computeProjectionMatrixFOV(42, 1, 0.1, 5)
+            lens = pybullet.computeProjectionMatrixFOV(38, 1, 0.1, 5)
             _, _, pixels, *_ = pybullet.getCameraImage(
                 2 * SIDE,
                 2 * SIDE,

@@ -28,6 +28,9 @@ a solution the only one, so that pairs that are far from a change need no new te
 CUTS = 16
 """Most linear programs for one move."""
 
+AT_ONCE = 200
+"""Pairs that are asked about between two looks at the clock."""
+
 SHARES = 0.5, 0.25, 0.1
 """Shares of ways that are tried if they lead into conflicts in spite of all planes."""
 
@@ -80,30 +83,46 @@ def _ways(
 ) -> Floats:
     """Return ways (n, 3) of all items that lead to no conflict: of length 0 if it is late."""
     width = max(task.size[:2])
+    margins = STEP * width, MARGIN * width
     pairs = _near(state, reach, task.count)
-    planes, cuts = np.zeros((len(pairs), 4)), np.zeros((len(pairs), 4))
-    gaps, free = np.zeros(len(pairs)), np.full((len(pairs), 3), np.inf)
-    numbers = np.zeros(len(pairs), np.int64)
+    chunks = [slice(n, n + AT_ONCE) for n in range(0, len(pairs), AT_ONCE)]
+    planes, gaps = np.zeros((len(pairs), 4)), np.zeros(len(pairs))
+    free = np.full((len(pairs), 3), np.inf)
+    ways = np.zeros((len(state.types), 3))
     farthest = 2 * np.sqrt(3) * reach
-    first_planes(problem, state, pairs, farthest, STEP * width, MARGIN * width, planes, gaps)
+    for some in chunks:
+        first_planes(problem, state, pairs[some], farthest, *margins, planes[some], gaps[some])
+        if _is_late(budget):
+            return ways
 
-    def blocked(ways: Floats) -> int:
-        margins = STEP * width, MARGIN * width
-        return int(cutting_planes(problem, state, pairs, gaps, free, ways, *margins, numbers, cuts))
+    def blocked(ways: Floats) -> tuple[Ints, Floats]:
+        """Return the pairs that are in conflict after ways, and planes that exclude them."""
+        found, cuts = [pairs[:0]], [planes[:0]]
+        for some in chunks:
+            numbers, own = np.zeros(AT_ONCE, np.int64), np.zeros((AT_ONCE, 4))
+            count = cutting_planes(
+                problem, state, pairs[some], gaps[some], free[some], ways, *margins, numbers, own
+            )
+            found.append(pairs[some][numbers[:count]])
+            cuts.append(own[:count])
+            if _is_late(budget):
+                break
+        return np.concatenate(found), np.concatenate(cuts)
 
     has_plane = planes[:, :3].any(axis=1)
-    rows, planes = pairs[has_plane], planes[has_plane]
-    ways = np.zeros((len(state.types), 3))
+    rows, limits = pairs[has_plane], planes[has_plane]
     for _ in range(CUTS):
-        ways[: task.count] = _solved(problem, task, state, reach, rows, planes)
-        count = blocked(ways)
-        if count == 0:
-            return ways
+        ways[: task.count] = _solved(problem, task, state, reach, rows, limits)
+        found, cuts = blocked(ways)
         if _is_late(budget):
             return 0 * ways
-        rows = np.concatenate((rows, pairs[numbers[:count]]))
-        planes = np.concatenate((planes, cuts[:count]))
-    return next((share * ways for share in SHARES if blocked(share * ways) == 0), 0 * ways)
+        if len(found) == 0:
+            return ways
+        rows, limits = np.concatenate((rows, found)), np.concatenate((limits, cuts))
+    for share in SHARES:
+        if len(blocked(share * ways)[0]) == 0 and not _is_late(budget):
+            return share * ways
+    return 0 * ways
 
 
 def _near(state: State, reach: float, count: int) -> Ints:
