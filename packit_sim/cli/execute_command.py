@@ -94,6 +94,8 @@ def execute_command(
     )
     rules = packit_sim.Rules(robot=cell)
     agents = [packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or ["champion"])]
+    for one in agents:
+        one.check_rules(rules)
     opened = inputs.open_library(library, dataset, split)
     numbered = evaluations.usable_tasks(dataset, opened, split, tasks)
     wanted = list(numbered.values())

@@ -56,6 +56,15 @@ class SuctionGripper:
     ------
     ArgumentError
         If a setting is out of range.
+
+    Examples
+    --------
+    >>> from packit_sim import SuctionGripper
+    >>> gripper = SuctionGripper(cups=(0.01,))
+    >>> round(gripper.force(0.01), 1)  # N
+    18.8
+    >>> round(gripper.payload(0.01), 2)  # kg
+    0.96
     """
 
     cups: tuple[float, ...] = (0.004, 0.006, 0.010, 0.016)

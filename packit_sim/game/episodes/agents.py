@@ -18,6 +18,7 @@ from packit_sim.game.episodes.policy_registry import (
     policy_names,
 )
 from packit_sim.geometry.items import PlacedItem
+from packit_sim.rules import Rules
 
 OnProgress = Callable[[int, float], None]
 """Function that a search calls with the number of its rollouts so far and their best return."""
@@ -158,18 +159,28 @@ class Agent:
         items were the only ones, with its whole budget each time. The first placement of its best
         plan is played; then progress is reported, with the return so far.
         """
+        self.check_rules(episode.rules)
         if self.search is None:
             self._play_until(episode, rng)
-        elif episode.rules.robot is not None:
-            raise ArgumentError(
-                f"agent {self.name!r} can't plan with a robot: each step of its search would be "
-                "simulated; leave out the search"
-            )
         elif episode.rules.buffer is None:
             if episode.end is None:
                 self.search(self, episode, rng, on_progress)
         else:
             self._plan_visible(self.search, episode, rng, on_progress)
+
+    def check_rules(self, rules: Rules) -> None:
+        """Check that the agent can play by some rules.
+
+        Raises
+        ------
+        ArgumentError
+            If its search would plan with a robot.
+        """
+        if self.search is not None and rules.robot is not None:
+            raise ArgumentError(
+                f"agent {self.name!r} can't plan with a robot: each step of its search would be "
+                "simulated; leave out the search"
+            )
 
     def _play_until(
         self, episode: Episode, rng: np.random.Generator, stage: Stage | None = None

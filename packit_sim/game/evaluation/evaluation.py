@@ -260,6 +260,8 @@ def evaluate(
         if file is not None:
             known = {agent.name: agent.known_weights for agent in players}
             check_evaluation(file, store.rollouts, known, numbered, seed, rules)
+        for agent in players:
+            agent.check_rules(rules)
         for task in tasks:
             rules.check_items(task.cells, task.items)
         folder = None if file is None else trajectories_folder(file)

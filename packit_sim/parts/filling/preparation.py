@@ -14,6 +14,7 @@ from packit_sim.core.length_units import Unit
 from packit_sim.core.parallel import Threads
 from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
+from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
 from packit_sim.parts.packings.rotation_sets import FIXED
 from packit_sim.parts.reading.boxes import Boxes, BoxType, box_types, box_unit, unit_note
@@ -147,7 +148,7 @@ def _bounded(parts: Iterable[PreparedPart], boxes: Sequence[BoxType]) -> Iterato
                     f"part {each.part.name!r}: as many as fit needs a number of boxes: "
                     f"{endless[0]!r} has none"
                 )
-            space = sum(box.container.volume * (box.count or 0) for box in boxes)
+            space = plain_sum(box.container.volume * (box.count or 0) for box in boxes)
             most = space / max(each.volume, 1e-300) * (1 + _ROUNDING)
             count = max(1, int(min(each.part.count, most)))
             kind = replace(each.item_type, demand=count)
