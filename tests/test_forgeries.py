@@ -90,6 +90,12 @@ UNREAD: dict[str, tuple[int, str, int, str, Any]] = {
     "another form": (0, "boxes", 0, "form", "cylinder"),
     "an outline that is none": (0, "boxes", 0, "outline", []),
     "more boxes than possible": (0, "boxes", 0, "count", 65536),
+    "as many as fit that is a text": (0, "parts", 0, "as many as fit", "yes"),
+    "as many as fit that nobody said": (0, "parts", 0, "as many as fit", True),
+    "a limit on the mass that is a list": (0, "boxes", 0, "max mass", [20.0]),
+    "a limit on the mass that is broken": (0, "boxes", 0, "max mass", 1e-3),
+    "a limit on parts that is not kept": (0, "boxes", 0, "max parts", 1),
+    "a limit on parts that nobody said": (0, "boxes", 0, "max parts", 10_000),
 }
 """Fields that a judge could leave unread: it and the product refuse these values."""
 

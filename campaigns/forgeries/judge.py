@@ -18,6 +18,7 @@ import numpy as np
 
 from campaigns.forgeries.bodies import Body, read_obj
 from campaigns.forgeries.values import (
+    ABSENT,
     UPS,
     Wrong,
     as_integer,
@@ -56,7 +57,7 @@ EXPORT = re.compile(r"instructions\.html|packing(-\d+)?\.(3mf|glb|stl|png|html|g
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 
-DIGITS = {"volume": 6, "height": 5, "mass": 5}
+DIGITS = {"volume": 6, "height": 5, "mass": 5, "limits": 5}
 
 
 class Verdict(NamedTuple):
@@ -152,7 +153,7 @@ class Judge:
 
     def _part(self, part: Mapping[str, Any], known: Mapping[str, Any]) -> None:
         """Judge the values of a requested part; those of a part without a mesh are not used."""
-        check_types(part)
+        check_types({**ABSENT, **part})
         for key in out_of_range(part):
             require(part["mesh"] is None, f"the {key} of {part['name']!r:.40}")
             self.doubts.append(f"an unused {key}")
@@ -170,6 +171,10 @@ class Judge:
         for box in request["boxes"]:
             require(all(as_number(side) > 0 for side in box["size"]), "a side")
             require(box["count"] is None or 1 <= as_integer(box["count"]) <= 10_000, "a count")
+            most = box.get("max parts")
+            require(most is None or 1 <= as_integer(most) <= 10_000, "a limit on parts")
+            most = box.get("max mass")
+            require(most is None or 1e-9 <= as_number(most) <= 1e12, "a limit on the mass")
             if box.get("outline") is not None:
                 self._part(box["outline"], {})
         own = [sizes[name]["size"] for name in record["box names"]]
@@ -327,6 +332,32 @@ class Judge:
         far = float(np.abs(SETS[part["rotations"]] - turn).max(axis=(1, 2)).min())
         self._at_most(far, 3e-7, 1e-5, "a rotation that nobody asked for")
 
+    def _limits(
+        self,
+        record: Mapping[str, Any],
+        request: Mapping[str, Any],
+        placed: Sequence[tuple[str, int, Body]],
+        masses: Mapping[str, float | None],
+    ) -> list[float]:
+        """Judge the limits of the boxes; return the numbers that the summary has of them."""
+        boxes = {box["name"]: box for box in request["boxes"]}
+        found: list[float] = []
+        for number, name in enumerate(record["box names"]):
+            inside = [masses[each] for each, box, _ in placed if box == number]
+            sums = []
+            if (most := boxes[name].get("max mass")) is not None:
+                require(None not in masses.values(), "a mass for a limit")
+                total = sum(mass or 0.0 for mass in inside)
+                require(total <= most * (1 + 1e-6), "a mass above the limit")
+                sums += [total, most]
+            if (most := boxes[name].get("max parts")) is not None:
+                require(len(inside) <= most, "parts above the limit")
+                sums += [len(inside), most]
+            if sums and len(record["box names"]) > 1:
+                found.append(number + 1)
+            found += sums
+        return found
+
     def _between(self, one: Body, other: Body, clearance: float, longest: float) -> None:
         gap = one.gap(other)
         width = min(_tolerance(longest, one), _tolerance(longest, other))
@@ -367,7 +398,9 @@ class Judge:
                     self._at_most(wrong, 5e-7, 3e-6, "a volume or a mass")
         placed = [(name, box, meshes[name].moved(pose)) for name, box, pose in items]
         total = sum(part["count"] for part in request["parts"])
-        require(summary["packed"] == f"{len(items)} of {total} parts", "the number of parts")
+        is_most = any(part.get("as many as fit") for part in request["parts"])
+        of = "" if is_most else f"of {total} "
+        require(summary["packed"] == f"{len(items)} {of}parts", "the number of parts")
         boxes = [np.array(size, float) for size in record["boxes"]]
         longest = max(float(side) for box in request["boxes"] for side in box["size"])
         require(all(any(box == n for _, box, _ in placed) for n in range(len(boxes))), "a box")
@@ -395,6 +428,8 @@ class Judge:
             line = "centre of gravity" if len(boxes) == 1 else f"centre, box {number + 1}"
             centres = np.array([body.centre for _, body in inside])
             true[line] = np.average(centres, axis=0, weights=weights).tolist()
+        if limits := self._limits(record, request, placed, masses):
+            true["limits"] = limits
         lines = set(summary) - {"check", "linked pairs"}
         require(lines == {"packed", *true}, "the lines of the summary")
         convex = summary.get("linked pairs", "none")  # earlier versions have no such line

@@ -28,8 +28,12 @@ TYPES: Mapping[str, tuple[type, ...]] = {
     "no stack": (bool,),
     "max load": (float, NoneType),
     "deviation": (float,),
+    "as many as fit": (bool,),
 }
 """The types of the fields of a requested part; an integer is a float, too."""
+
+ABSENT: Mapping[str, Any] = {"as many as fit": False}
+"""Fields of a requested part that earlier versions did not write, with what that means."""
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "count": (1, 10_000),
@@ -50,7 +54,7 @@ UPS: Mapping[str, Floats] = {
 
 
 class Wrong(Exception):
-    """What makes a record wrong."""
+    """The fault of a record."""
 
 
 def require(holds: bool, what: str) -> None:
