@@ -170,7 +170,7 @@ class Rules:
 
     @property
     def moves_items(self) -> bool:
-        """Whether items may move after they were placed, off the grid."""
+        """True if items may move after they were placed, off the grid."""
         return self.physics is not None or self.robot is not None
 
     @property

@@ -213,6 +213,43 @@ class PosedItem:
         return hash((self.item, self.matrix.tobytes()))
 
 
+class AtPose:
+    """Base of items that have moved, and are where their posed item is.
+
+    Attributes
+    ----------
+    posed : PosedItem
+        The item where it is.
+    """
+
+    posed: PosedItem
+
+    @property
+    def center(self) -> Floats:
+        """Centre of its shape's bounding box, (3,) in box units."""
+        return self.posed.center
+
+    @property
+    def matrix(self) -> Floats:
+        """Shape-to-box matrix (4, 4)."""
+        return self.posed.matrix
+
+    @property
+    def linear(self) -> Floats:
+        """Linear part (3, 3) of that matrix."""
+        return self.posed.linear
+
+    @property
+    def pose(self) -> Motion:
+        """Shape-to-box matrix without the item's scale."""
+        return self.posed.pose
+
+    @property
+    def vertices(self) -> Floats:
+        """Vertices of its mesh, (n, 3) in box units."""
+        return self.posed.vertices
+
+
 def triangles(placed: ItemInBox) -> Floats:
     """Compute the corners of the triangles of an item's mesh, (n, 3, 3) in box units."""
     return placed.vertices[placed.item.shape.mesh.faces]

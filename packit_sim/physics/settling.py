@@ -10,7 +10,7 @@ import numpy as np
 from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.items import Contents, ItemInBox, PosedItem, triangles
+from packit_sim.geometry.items import AtPose, Contents, ItemInBox, PosedItem, triangles
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
@@ -22,7 +22,7 @@ from packit_sim.physics.world import WALLS_AND_FLOOR, World
 
 
 @dataclass(frozen=True, eq=False)
-class SettledItem:
+class SettledItem(AtPose):
     """An item that gravity has moved.
 
     Attributes
@@ -57,31 +57,6 @@ class SettledItem:
     def item(self) -> Item:
         """The item, in the rotation in which it was placed."""
         return self.start.item
-
-    @property
-    def center(self) -> Floats:
-        """Centre of its shape's bounding box where it ended, (3,) in box units."""
-        return self.posed.center
-
-    @property
-    def matrix(self) -> Floats:
-        """Shape-to-box matrix (4, 4) where it ended."""
-        return self.posed.matrix
-
-    @property
-    def linear(self) -> Floats:
-        """Linear part (3, 3) of that matrix."""
-        return self.posed.linear
-
-    @property
-    def pose(self) -> Motion:
-        """Shape-to-box matrix without the item's scale."""
-        return self.posed.pose
-
-    @property
-    def vertices(self) -> Floats:
-        """Vertices of its mesh where it ended, (n, 3) in box units."""
-        return self.posed.vertices
 
     @property
     def displacement(self) -> float:

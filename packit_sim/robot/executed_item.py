@@ -6,15 +6,13 @@ import enum
 from dataclasses import dataclass
 
 from packit_sim.core.caches import cached_property
-from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.items import PlacedItem, PosedItem
-from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.items import AtPose, PlacedItem, PosedItem
 from packit_sim.geometry.shapes import Item
 from packit_sim.robot.recording import Recording
 
 
 class Outcome(enum.StrEnum):
-    """What became of an attempt to put an item into the box."""
+    """The result of an attempt to put an item into the box."""
 
     PLACED = "placed"
     NO_GRASP = "no grasp"
@@ -23,7 +21,7 @@ class Outcome(enum.StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class ExecutedItem:
+class ExecutedItem(AtPose):
     """An item after the attempt to put it into the box, and where it is now.
 
     Attributes
@@ -56,31 +54,6 @@ class ExecutedItem:
     def item(self) -> Item:
         """The item, in the rotation of its placement."""
         return self.chosen.item
-
-    @property
-    def center(self) -> Floats:
-        """Centre of its shape's bounding box, (3,) in box units."""
-        return self.posed.center
-
-    @property
-    def matrix(self) -> Floats:
-        """Shape-to-box matrix (4, 4)."""
-        return self.posed.matrix
-
-    @property
-    def linear(self) -> Floats:
-        """Linear part (3, 3) of that matrix."""
-        return self.posed.linear
-
-    @property
-    def pose(self) -> Motion:
-        """Shape-to-box matrix without the item's scale."""
-        return self.posed.pose
-
-    @property
-    def vertices(self) -> Floats:
-        """Vertices of its mesh, (n, 3) in box units."""
-        return self.posed.vertices
 
     @property
     def counts(self) -> bool:

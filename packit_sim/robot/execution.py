@@ -31,7 +31,7 @@ _CHECK_STEPS = 10
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """What happened when the arm put an item into the box.
+    """The result of a simulation in which the arm puts an item into the box.
 
     Attributes
     ----------

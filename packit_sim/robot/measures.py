@@ -1,4 +1,4 @@
-"""What an execution was worth, computed from its recorded trajectory alone."""
+"""Measures of an execution, computed from its recorded trajectory alone."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class ArmWorld(World):
 
     @property
     def joints(self) -> Floats:
-        """Where the joints are, (4,) in m and radians."""
+        """Positions of the joints, (4,) in m and radians."""
         states = self._pybullet.getJointStates(
             self._arm, self._joints, physicsClientId=self._client
         )
@@ -167,7 +167,7 @@ class ArmWorld(World):
 
     @property
     def poses(self) -> Floats:
-        """Where the bodies are: (n, 7), position in box units and quaternion x, y, z, w."""
+        """Poses of the bodies, (n, 7): position in box units and quaternion x, y, z, w."""
         found = np.empty((len(self._items), 7))
         for n, item in enumerate(self._items):
             found[n, :3], found[n, 3:] = self._pybullet.getBasePositionAndOrientation(

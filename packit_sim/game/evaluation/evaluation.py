@@ -17,12 +17,13 @@ from packit_sim.core.checks import check_range
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.game.datasets.execution_checks import trajectories_folder
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.datasets.provenance import RETURN_SLACK, Improvement
 from packit_sim.game.envs.observations import Observation
 from packit_sim.game.episodes.agents import Agent, OnProgress
 from packit_sim.game.episodes.episode import Episode
-from packit_sim.game.evaluation.executed import executed, trajectories_folder
+from packit_sim.game.evaluation.executed import executed
 from packit_sim.game.evaluation.results import ResultsError, Rollout
 from packit_sim.game.evaluation.results_store import check_evaluation, opened
 from packit_sim.rules import PACKIT, Rules

@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from packit_sim.core.files import replacing
-from packit_sim.game.datasets.execution_checks import trajectories_folder
 from packit_sim.game.episodes.episode import Episode
 from packit_sim.robot.measures import measures
 from packit_sim.robot.trajectory import Trajectory
 
-__all__ = ["Executed", "executed", "trajectories_folder"]
-
 
 @dataclass(frozen=True)
 class Executed:
-    """What is recorded of an execution.
+    """The record of an execution.
 
     Attributes
     ----------

@@ -151,14 +151,13 @@ class PackedParts:
 
     def _why_no_space(self, number: int) -> str:
         """Return why one more of a part is in no box."""
-        mass = self.task.parts[number].mass
-        is_full = [
-            self.task.limits(packing).faults([*self.task.masses_in(packing), mass])
+        task, mass = self.task, self.task.parts[number].mass
+        is_full = self.packings and all(
+            not task.limits(packing).is_empty
+            and task.limits(packing).faults([*task.masses_in(packing), mass])
             for packing in self.packings
-        ]
-        if is_full and all(is_full):
-            return "a limit of the box is reached"
-        return "no space was found"
+        )
+        return "a limit of the box is reached" if is_full else "no space was found"
 
     @cached_property
     def score(self) -> tuple[float, ...]:

@@ -20,12 +20,13 @@ from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.shelves import shelved
 from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
+from packit_sim.parts.packings.bounds import SUM_ROUNDING
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType
-from packit_sim.parts.reading.limits import NO_LIMITS, ROUNDING, Limits
+from packit_sim.parts.reading.limits import NO_LIMITS, Limits
 from packit_sim.parts.reading.sizes import fits
 
 _FULL = 0.6
@@ -151,7 +152,7 @@ class PackingSearch:
             return dict(counts)
         shares = np.array([np.array(own) / most for own, most in sums])
         values = np.array([self._task.weights[n] for n in numbers])
-        left, found = np.full(len(sums), 1 + ROUNDING), {}
+        left, found = np.full(len(sums), 1 + SUM_ROUNDING), {}
         for k in np.argsort(-values / shares.max(axis=0), kind="stable").tolist():
             copies = int(min(counts[numbers[k]], *(left // np.maximum(shares[:, k], 1e-15))))
             left -= copies * shares[:, k]

@@ -64,7 +64,7 @@ class KnapsackSearch(NestSearch):
             poses = self._settled_and_filled(problem, poses)
         poses = self._within_limits(poses)
         if self._task.limits.count:  # which need not run out: then the order by volume is better
-            order = np.lexsort((-self._task.volumes, -self._task.values / self._task.volumes))
+            order = self._task.order_by(self._task.volumes)
             other = constructed(problem, self._task, sizes, self._rng, self._budget, order)
             poses = max(poses, self._within_limits(other), key=self._value)
         solution = self._solution(poses)
@@ -188,9 +188,7 @@ class KnapsackSearch(NestSearch):
         limits = self._task.limits
         left = limits.left(self._packed(old))
         least = np.inf
-        comes, goes = out[:0], packed[:1]
-        if not limits.count:
-            comes = out[:1]
+        comes, goes = out[: 0 if limits.count else 1], packed[:1]
         least_gain, enough = settings.exchange_gain
         for _ in range(settings.exchange_choices):
             some = self._choices.permutation(out)

@@ -10,12 +10,10 @@ import numpy.typing as npt
 from scipy.optimize import LinearConstraint, linprog, milp
 
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.parts.packings.bounds import SUM_ROUNDING
 
 _FULL = 0.6
 """Share of a box's volume that items probably fill, for the choice among them."""
-
-_ROUNDING = 1e-9
-"""Relative rounding of a sum of amounts."""
 
 _TIES = 1e-3
 """Price of what does not run out, relative to the value: it decides between equal items."""
@@ -48,13 +46,13 @@ class ItemLimits:
         """Return how much (k,) of each limit some items (n,) leave; below 0 if they break it."""
         if not self.count:
             return np.empty(0)
-        return self.most * (1 + _ROUNDING) - self.amounts @ packed
+        return self.most * (1 + SUM_ROUNDING) - self.amounts @ packed
 
     def possible(self, count: int) -> npt.NDArray[np.bool_]:
         """Return which of all items (n,) may be in a box, at least alone."""
         if not self.count:
             return np.ones(count, bool)
-        return np.asarray(np.all(self.amounts <= self.most[:, None] * (1 + _ROUNDING), axis=0))
+        return np.asarray(np.all(self.amounts <= self.most[:, None] * (1 + SUM_ROUNDING), axis=0))
 
     def addable(self, packed: npt.NDArray[np.bool_], items: Ints) -> Ints:
         """Return those items, in their order, that may all be added to some others (n,)."""
@@ -112,7 +110,7 @@ class ItemLimits:
             -kinds[0],
             integrality=np.ones(len(counts)),
             bounds=(0, counts),
-            constraints=LinearConstraint(kinds[1:], ub=self.most * (1 + _ROUNDING)),
+            constraints=LinearConstraint(kinds[1:], ub=self.most * (1 + SUM_ROUNDING)),
             options={"time_limit": _SECONDS},
         )
         bound = found.mip_dual_bound

@@ -213,5 +213,8 @@ class SearchTask:
 
         Where limits run out before the space does, they count instead of the volume.
         """
-        costs = self.limits.costs(self.values, self.volumes, math.prod(self.size))
+        return self.order_by(self.limits.costs(self.values, self.volumes, math.prod(self.size)))
+
+    def order_by(self, costs: Floats) -> Ints:
+        """Return the items by value per cost, the highest first, and by volume where equal."""
         return np.lexsort((-self.volumes, -self.values / costs))

@@ -39,6 +39,9 @@ LOADS = Range(0, 1e12)
 AMOUNTS = Range(0, 1e15)
 """Amounts that add up to a limit of a box, such as grams."""
 
+SUM_ROUNDING = 1e-9
+"""Relative rounding of sums of amounts that are compared with a limit."""
+
 DENSITIES = Range(1e-9, 1e6)
 """Grams per cubic centimetre."""
 

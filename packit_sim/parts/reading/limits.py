@@ -8,13 +8,10 @@ from dataclasses import dataclass
 
 from packit_sim.core.checks import as_integer, check_range, shown
 from packit_sim.core.errors import ArgumentError
-from packit_sim.parts.packings.bounds import COUNTS, MASSES
+from packit_sim.parts.packings.bounds import COUNTS, MASSES, SUM_ROUNDING
 
 GRAMS: Mapping[str, float] = {"g": 1.0, "kg": 1e3, "t": 1e6, "oz": 28.349523125, "lb": 453.59237}
 """Grams in each unit of mass."""
-
-ROUNDING = 1e-9
-"""Relative rounding of a sum of masses."""
 
 _MASS = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([a-z]+)")
 
@@ -65,7 +62,7 @@ class Limits:
 
     def allow(self, mass: float | None) -> bool:
         """Return whether one part of a mass in grams may be in the box."""
-        return self.max_mass is None or (mass or 0.0) <= self.max_mass * (1 + ROUNDING)
+        return self.max_mass is None or (mass or 0.0) <= self.max_mass * (1 + SUM_ROUNDING)
 
     def sums(self, masses: Sequence[float | None]) -> list[tuple[list[float], float]]:
         """Return each limit as one on a sum: the amount of each part, and the largest sum."""
