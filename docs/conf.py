@@ -44,7 +44,7 @@ nitpick_ignore_regex = [
         r"packit_sim\.(box\.BaseBox|core\.typed_json\.JsonRecord|engine\..*"
         r"|game\.envs\.(pictures\.Pictured|specs\.WritableSpec)"
         r"|game\.evaluation\.executed\.Executed"
-        r"|geometry\.(items\.(ItemT|PosedItem)|parts\.Parts|voxels\.Voxels)"
+        r"|geometry\.(items\.(AtPose|ItemT|PosedItem)|parts\.Parts|voxels\.Voxels)"
         r"|libraries\.sources\.Source"
         r"|parts\.packings\.(checked_items\.CheckedItem|containers\.(Container|Measured))"
         r"|parts\.reading\.(file_copies\.FileCopy|limits\.Limits \| .*))",
