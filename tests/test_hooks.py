@@ -59,6 +59,50 @@ def test_numba_uses_cached_code_only_with_the_same_stamp(tmp_path) -> None:
     assert [hits(stamp) for stamp in ("one", "one", "two", "two")] == [0, 1, 0, 1]
 
 
+INNER = """
+import numpy as np
+from numba.core import event
+from packit_sim.core.compilation import inner_kernel, kernel
+
+compiled = []
+class Listener(event.Listener):
+    def on_start(self, event):
+        compiled.append(event.data["dispatcher"].py_func.__name__)
+    def on_end(self, event):
+        pass
+event.register("numba:compile", Listener())
+
+@inner_kernel
+def scaled(values, factor):
+    total = np.zeros(2)
+    for value in values:
+        total[0] += value * factor
+    return total[0]
+
+@kernel
+def both(values, factor):
+    return scaled(values, factor) + scaled(values, 2)
+
+print(both(np.ones(3), 5), [name for name in compiled if name in ("both", "scaled")])
+"""
+
+
+@pytest.mark.slow
+def test_kernels_for_kernels_are_compiled_once_and_only_where_they_are_called(tmp_path) -> None:
+    """A constant is an argument like others, and what is cached needs no inner kernel."""
+    (tmp_path / "kernels.py").write_text(INNER, encoding="utf-8")
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def output() -> str:
+        command = [sys.executable, str(tmp_path / "kernels.py")]
+        run = subprocess.run(command, capture_output=True, check=True, env=environment, text=True)
+        return run.stdout
+
+    assert output() == "21.0 ['both', 'scaled']\n"
+    assert output() == "21.0 []\n"
+    assert len(list((tmp_path / "cache").rglob("*.nbc"))) == 1
+
+
 class Record(msgspec.Struct, forbid_unknown_fields=True):
     name: Literal["a", "b"]
     sizes: tuple[float, ...] = ()

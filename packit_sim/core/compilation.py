@@ -17,7 +17,9 @@ from typing import Any
 import numba
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.types.misc import unliteral
 
+from packit_sim.core.inner_compilation import InnerCompiler
 from packit_sim.core.locks import lock
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.version import __version__
@@ -51,38 +53,43 @@ def kernel(function: Callable[..., Any]) -> Any:
     no folder is writable, each process compiles again. With `NUMBA_DISABLE_JIT=1` the function is
     not compiled, so that a debugger can stop in it.
     """
-    return _compiled(function)
+    if numba.config.DISABLE_JIT:
+        return function
+    try:
+        compiled = numba.njit(cache=True, nogil=True)(function)
+    except RuntimeError:  # numba found no folder that is writable
+        compiled = numba.njit(nogil=True)(function)
+    else:
+        stamp(compiled, _digest(function.__module__))
+    return _one_at_a_time(compiled)
 
 
 def inner_kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function as `kernel`, for other kernels only, in a fraction of the time.
+    """Compile a function for other kernels only, in a fraction of the time: together with them.
 
     Parameters
     ----------
     function : callable
-        The function; Python can't call it.
+        The function; Python can't call it. It has no cache: the kernels that call it contain it.
 
     Returns
     -------
     callable
         The compiled function.
     """
-    return _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-
-
-def _compiled(function: Callable[..., Any], **options: bool) -> Any:
     if numba.config.DISABLE_JIT:
         return function
-    try:
-        compiled = numba.njit(cache=True, nogil=True, **options)(function)
-    except RuntimeError:  # numba found no folder that is writable
-        return numba.njit(nogil=True, **options)(function)
-    stamp(compiled, _digest(function.__module__))
+    options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return _one_at_a_time(numba.njit(nogil=True, pipeline_class=InnerCompiler, **options)(function))
+
+
+def _one_at_a_time(compiled: Any) -> Any:
+    """Let one process compile a kernel, and once for all values of a type, constants among them."""
     compile_or_load = compiled.compile
 
     def alone(signature: Any) -> Any:
-        with global_compiler_lock, _lock(function.__module__):
-            return compile_or_load(signature)
+        with global_compiler_lock, _lock(compiled.py_func.__module__):
+            return compile_or_load(tuple(unliteral(one) for one in signature))
 
     compiled.compile = alone
     return compiled

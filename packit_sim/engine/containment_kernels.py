@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 
 _STACK = 64
 """Nodes that can wait: depth first, at most one more for each level of the tree."""
@@ -89,12 +89,13 @@ def points_within(points, outline, other, shift):
         count = 0
         for n in range(len(points)):
             if _is_within(outline[n + 1], other[0], shift):
-                found[count] = points[n]
+                for d in range(3):
+                    found[count, d] = points[n, d]
                 count += 1
     return found
 
 
-@kernel
+@inner_kernel
 def _is_within(box, other, shift):
     """Return whether a box that is moved is within another."""
     for d in range(3):
@@ -103,7 +104,7 @@ def _is_within(box, other, shift):
     return True
 
 
-@kernel
+@inner_kernel
 def _to_frame(turn, points_turn, shift):
     """Return the rotation (3, 3) and translation (3,) from the points' frame to the surface's."""
     to_frame = np.empty((3, 3))
@@ -119,7 +120,7 @@ def _to_frame(turn, points_turn, shift):
     return to_frame, moved
 
 
-@kernel
+@inner_kernel
 def _move(point, to_frame, moved, out):
     """Write the point in another frame to `out`."""
     for d in range(3):
@@ -128,7 +129,7 @@ def _move(point, to_frame, moved, out):
         )
 
 
-@kernel
+@inner_kernel
 def _count_windings(triangles, part, boxes, starts, point, windings):
     """Add to `windings` (q,) how often each closed part winds around the point."""
     waiting = np.empty(_STACK, np.int64)
@@ -148,13 +149,13 @@ def _count_windings(triangles, part, boxes, starts, point, windings):
                 windings[part[n]] += _crossing(triangles[n], point)
 
 
-@kernel
+@inner_kernel
 def _is_in(box, point):
     """Return whether a point is in a box."""
     return box[0, 2] <= point[2] and _meets_ray(box, point)
 
 
-@kernel
+@inner_kernel
 def _meets_ray(box, point):
     """Return whether the ray from a point straight up meets a box."""
     return (
@@ -202,7 +203,7 @@ def winding_number(triangles, point):
     return winding
 
 
-@kernel
+@inner_kernel
 def _crossing(triangle, point):
     """Return 1 if a triangle above a point faces up, -1 if it faces down, 0 if none is above."""
     x, y, z = point
@@ -221,7 +222,7 @@ def _crossing(triangle, point):
     return 0
 
 
-@kernel
+@inner_kernel
 def _is_above(triangle, x, y, z, faces):
     """Return whether a triangle that covers a point and faces up (1) or down (-1) is above it."""
     a, b, c = triangle[0], triangle[1], triangle[2]

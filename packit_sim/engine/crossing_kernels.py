@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.geometry.deviation_kernels import divided
 
 APART, CROSSING, UNSURE = 0, 1, 2
@@ -78,7 +78,7 @@ def relation(one, other, turn, shift, region):
     return UNSURE if unsure else APART
 
 
-@kernel
+@inner_kernel
 def _leaf_relation(one, other, pair, turn, shift, region, moved):
     """Return the relation of the triangles in two leaves; `moved` (2, 3, 3) is overwritten.
 
@@ -117,7 +117,7 @@ def _leaf_relation(one, other, pair, turn, shift, region, moved):
     return UNSURE if unsure else APART
 
 
-@kernel
+@inner_kernel
 def _is_outside(a, n, moved):
     """Return whether triangle a[n] is outside the box in `moved` (see `_leaf_relation`)."""
     for d in range(3):
@@ -127,7 +127,7 @@ def _is_outside(a, n, moved):
     return False
 
 
-@kernel
+@inner_kernel
 def _size(boxes, node):
     """Return the sum of the extents of a node's box."""
     low, high = 0.0, 0.0
@@ -137,7 +137,7 @@ def _size(boxes, node):
     return high - low
 
 
-@kernel
+@inner_kernel
 def _boxes_apart(boxes, a, other_boxes, b, turn, shift, region):
     """Return whether the boxes of two nodes have no common point in the region."""
     for d in range(3):
@@ -176,7 +176,7 @@ def apart(a, n, b, m):
     return False
 
 
-@kernel
+@inner_kernel
 def _separates(a, n, b, m, x, y, z):
     """Return whether there is a gap between triangles a[n] and b[m] along the axis (x, y, z)."""
     p = x * a[n, 0, 0] + y * a[n, 0, 1] + z * a[n, 0, 2]
@@ -199,7 +199,7 @@ def cross(a, n, b, m):
     return found
 
 
-@kernel
+@inner_kernel
 def _pierces(a, n, i, b, m):
     """Return whether edge i of triangle a[n] passes through the inside of triangle b[m]."""
     x, y, z = _normal(b, m)
@@ -229,7 +229,7 @@ def _pierces(a, n, i, b, m):
     return True
 
 
-@kernel
+@inner_kernel
 def _height(a, n, i, b, m, x, y, z):
     """Return the height of corner i of a[n] above the first corner of b[m], along (x, y, z)."""
     return (
@@ -239,13 +239,13 @@ def _height(a, n, i, b, m, x, y, z):
     )
 
 
-@kernel
+@inner_kernel
 def _edge(a, n, i):
     """Return edge i of triangle a[n], which ends at its corner i."""
     return a[n, i, 0] - a[n, i - 1, 0], a[n, i, 1] - a[n, i - 1, 1], a[n, i, 2] - a[n, i - 1, 2]
 
 
-@kernel
+@inner_kernel
 def _normal(a, n):
     """Return the normal of triangle a[n], as long as twice its area."""
     ax, ay, az = _edge(a, n, 0)
@@ -253,6 +253,6 @@ def _normal(a, n):
     return _cross_product(ax, ay, az, bx, by, bz)
 
 
-@kernel
+@inner_kernel
 def _cross_product(ax, ay, az, bx, by, bz):
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.engine.containment_kernels import holds, points_within
 from packit_sim.engine.crossing_kernels import APART, CROSSING, relation
 from packit_sim.engine.region_kernels import relation_in, workspace
@@ -93,7 +93,7 @@ def relations(one, other, turn, to_first, shifts, bricks, other_bricks, offsets)
     return states
 
 
-@kernel
+@inner_kernel
 def _bound_cells(cells, size, to_first, region):
     """Write the box of fine cells of a cell box to a region in the frame of the item's shape."""
     for d in range(3):

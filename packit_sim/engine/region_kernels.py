@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.engine.crossing_kernels import APART, CROSSING, MARGIN, UNSURE, apart, cross
 from packit_sim.geometry.arrays import Floats, Ints
 
@@ -120,7 +120,7 @@ def relation_in(one, other, turn, shift, region, space):
     return UNSURE if unsure else APART
 
 
-@kernel
+@inner_kernel
 def _collect(tree, region, numbers):
     """Write the numbers of a surface's triangles that meet a region; return how many, or -1."""
     triangles, boxes, starts = tree
@@ -162,7 +162,7 @@ def _collect(tree, region, numbers):
     return count
 
 
-@kernel
+@inner_kernel
 def _bound(triangles, n, region, boxes, k):
     """Write the box of a triangle in a region, grown by the margin, to boxes[k]."""
     for d in range(3):

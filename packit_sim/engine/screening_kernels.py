@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, kernel
+from packit_sim.core.compilation import inlined, inner_kernel, kernel
 from packit_sim.engine.occupancy_kernels import BoxArrays, PlacedArrays
 from packit_sim.geometry.bits import FULL
 from packit_sim.geometry.voxel_kernels import FixedArrays, ItemArrays
@@ -217,7 +217,8 @@ def open_pairs(item, placed, extent, locations):
         count = _open_with(item, placed, extent, location, found)
         if total + count > len(pairs):
             grown = np.empty((2 * (total + count), 2), np.int64)
-            grown[:total] = pairs[:total]
+            for m in range(total):
+                grown[m, 0], grown[m, 1] = pairs[m, 0], pairs[m, 1]
             pairs = grown
         for m in range(count):
             pairs[total, 0], pairs[total, 1] = n, found[m]
@@ -396,7 +397,7 @@ def brick_state(bricks, page, box_fine, at, outer, inner, first, fine):
     return state
 
 
-@kernel
+@inner_kernel
 def _open_with(item, placed, extent, location, found):
     """Write to `found` which placed items leave a location open, and return how many."""
     i, j, k = location
@@ -432,7 +433,7 @@ def _open_with(item, placed, extent, location, found):
     return count
 
 
-@kernel
+@inner_kernel
 def _pair_state(fixed, item, offset):
     """Return the state of an item that is `offset` bricks away from a fixed one."""
     fixed, item = FixedArrays(*fixed), ItemArrays(*item)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.geometry.deviation_kernels import divided
 
 _STACK = 256
@@ -111,7 +111,7 @@ def least_rise_of_pairs(triangles, others, offset, least, enough):
     return least
 
 
-@kernel
+@inner_kernel
 def _rise_at_point(triangle, point, sign):
     """Return the height of a triangle above a point that it covers; below the point for sign -1."""
     ux, uy = triangle[1, 0] - triangle[0, 0], triangle[1, 1] - triangle[0, 1]
@@ -128,7 +128,7 @@ def _rise_at_point(triangle, point, sign):
     return _positive(sign * (z - point[2]))
 
 
-@kernel
+@inner_kernel
 def _rise_at_crossing(a, b, c, d):
     """Return the height of the edge from c to d above that from a to b, where they cross."""
     ux, uy = b[0] - a[0], b[1] - a[1]
@@ -146,7 +146,7 @@ def _rise_at_crossing(a, b, c, d):
     return _positive(c[2] + t * (d[2] - c[2]) - a[2] - s * (b[2] - a[2]))
 
 
-@kernel
+@inner_kernel
 def _rise_at_end(a, b, point, sign):
     """Return the height of a point above the edge from a to b, if it is on it seen from above.
 
@@ -171,7 +171,7 @@ def _rise_at_end(a, b, point, sign):
     return _positive(sign * (point[2] - a[2] - t * (b[2] - a[2])))
 
 
-@kernel
+@inner_kernel
 def _positive(rise):
     """Return a rise if it is positive: what is level or below does not stop the item."""
     return rise if rise > 0 else np.inf

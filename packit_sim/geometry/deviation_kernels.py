@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 
 _CUTS_TO_FIT = 64
 """Cuts of a triangle, one inside the other, after which its pieces are only halved."""
@@ -103,7 +103,7 @@ def bound(triangles, surface, low, high, relative_slack, slack):
     return low, high
 
 
-@kernel
+@inner_kernel
 def _cut(piece, triangle, high, depth, cut):
     """Choose where to cut a piece: return the edge's two corners, and write the point to `cut`.
 
@@ -155,7 +155,7 @@ def divided(waiting, top, a, b, is_first):
     return top + 2
 
 
-@kernel
+@inner_kernel
 def _nearest(points, surface, guess, enough, most):
     """Find the triangle whose largest distance from points (n, 3) is least: distance and number.
 
@@ -195,7 +195,7 @@ def _nearest(points, surface, guess, enough, most):
     return np.sqrt(least), best
 
 
-@kernel
+@inner_kernel
 def _farthest_corner(points, triangle):
     """Return the largest squared distance of points (n, 3) from a triangle (3, 3)."""
     most = 0.0
@@ -204,7 +204,7 @@ def _farthest_corner(points, triangle):
     return most
 
 
-@kernel
+@inner_kernel
 def _from_box(points, box):
     """Return the largest squared distance of points (n, 3) from a box (2, 3)."""
     most = 0.0
@@ -217,7 +217,7 @@ def _from_box(points, box):
     return most
 
 
-@kernel
+@inner_kernel
 def _from_triangle(point, triangle):
     """Return the squared distance of a point (3,) from a triangle (3, 3), which may have no area.
 
@@ -251,7 +251,7 @@ def _from_triangle(point, triangle):
     return least
 
 
-@kernel
+@inner_kernel
 def _from_segment(point, start, end):
     """Return the squared distance of a point (3,) from a segment."""
     along = length = 0.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 
 
 @kernel
@@ -47,7 +47,7 @@ def cut_ears(points):
     return triangles
 
 
-@kernel
+@inner_kernel
 def _is_ear(points, ring, a, b, c):
     """Return whether the corner b is convex, and no other point of the ring is in its triangle."""
     if _area(points[a], points[b], points[c]) <= 0:  # straight corners too: no empty triangle
@@ -64,13 +64,13 @@ def _is_ear(points, ring, a, b, c):
     return True
 
 
-@kernel
+@inner_kernel
 def _same(p, q):
     """Return whether two points are equal."""
     return p[0] == q[0] and p[1] == q[1]
 
 
-@kernel
+@inner_kernel
 def _area(p, q, r):
     """Return twice the area of a triangle, negative if it is clockwise."""
     return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.geometry.bits import FULL, LOW, STRIDES, Words
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit, turn_words
 
@@ -56,7 +56,7 @@ class FixedArrays(NamedTuple):
     fine: Words
 
 
-@kernel
+@inner_kernel
 def _brick_words(touched, reached):
     """Return the outer and the inner cells as words over the bricks [x, y, z]."""
     nx, ny, nz = touched.shape
@@ -74,7 +74,7 @@ def _brick_words(touched, reached):
     return outer_cells, inner_cells
 
 
-@kernel
+@inner_kernel
 def _shuffled(outer_cells, inner_cells):
     """Return the bricks that contain a cell, shuffled: all arrays of `Voxels` but `fine`."""
     nx, ny, nz = outer_cells.shape
@@ -93,7 +93,8 @@ def _shuffled(outer_cells, inner_cells):
                     random ^= random >> np.uint64(7)
                     random ^= random << np.uint64(17)
                     at = np.int64(random % np.uint64(n + 1))  # the inside-out Fisher-Yates shuffle
-                    bricks[n] = bricks[at]
+                    for d in range(3):
+                        bricks[n, d] = bricks[at, d]
                     bricks[at, 0], bricks[at, 1], bricks[at, 2] = x, y, z
                     n += 1
     outer = np.empty(count, np.uint64)
@@ -108,7 +109,7 @@ def _shuffled(outer_cells, inner_cells):
     return bricks, outer, inner, first, number
 
 
-@kernel
+@inner_kernel
 def _place(brick, bit):
     """Return the cell of a bit in a brick, (x, y, z) in the cell box."""
     return 4 * brick[0] + (bit >> 4), 4 * brick[1] + (bit >> 2 & 3), 4 * brick[2] + (bit & 3)
@@ -161,7 +162,7 @@ def turn_bricks(old, cells, axes, signs, swaps):
     words = old_outer.copy()
     turn_words(words, swaps)
     _put(outer_cells, words, old_bricks, axes, signs)
-    words[:] = old_inner
+    words = old_inner.copy()
     turn_words(words, swaps)
     _put(inner_cells, words, old_bricks, axes, signs)
     for d in range(3):
@@ -197,7 +198,7 @@ def turn_bricks(old, cells, axes, signs, swaps):
     return bricks, outer, inner, first, fine, number
 
 
-@kernel
+@inner_kernel
 def _put(dense, words, bricks, axes, signs):
     """Write words to the places of their bricks after a turn of a cell box of whole bricks."""
     place = np.empty(3, np.int64)
@@ -208,7 +209,7 @@ def _put(dense, words, bricks, axes, signs):
         dense[place[0], place[1], place[2]] = words[n]
 
 
-@kernel
+@inner_kernel
 def _shift(dense, d, count):
     """Move the cells in bricks [x, y, z] by 1 to 3 places towards 0 along axis d."""
     stride = STRIDES[d]

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.geometry.bits import HIGH, LOW, STRIDES
 
 _X_LOW, _Y_LOW, _Z_LOW = LOW
@@ -182,7 +182,7 @@ def reached_cells(touched):
     return reached
 
 
-@kernel
+@inner_kernel
 def _separating_axes(corners, half, rows, columns):
     """Write each axis: its components along u, v and w, and the bounds that a center is within."""
     for e in range(3):
@@ -221,7 +221,7 @@ def _separating_axes(corners, half, rows, columns):
             columns[a, 4] = max(columns[a, 4], at + reach)
 
 
-@kernel
+@inner_kernel
 def _narrowed(first, last, at, slope, low, high):
     """Return the part of an interval of x in which `at + slope * x` is from low to high."""
     if slope == 0.0:  # the axis is across x: it separates all centers or none
@@ -232,7 +232,7 @@ def _narrowed(first, last, at, slope, low, high):
     return max(first, min(a, b)), min(last, max(a, b))
 
 
-@kernel
+@inner_kernel
 def _places(first, last, cells, fine):
     """Return the range, start and stop, of the fine cells with a center in an interval."""
     if not first <= last:
@@ -242,7 +242,7 @@ def _places(first, last, cells, fine):
     return np.int64(start), np.int64(max(start, stop))
 
 
-@kernel
+@inner_kernel
 def _set_column(words, axes, column, start_w, stop_w, place):
     """Set the bits of a column's fine cells from start to stop; place: (3,) scratch space."""
     u, v, w = axes

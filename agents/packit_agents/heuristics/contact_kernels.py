@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.geometry.bits import FULL, HIGH, LOW
 from packit_sim.geometry.word_kernels import count_bits
 
@@ -70,7 +70,7 @@ def sum_neighbours(words):
     return sums
 
 
-@kernel
+@inner_kernel
 def _digits(words, x, y, z):
     """Count the filled neighbours of each cell of a brick.
 
@@ -223,7 +223,7 @@ def most_contacts(filled, item, locations, first_bounds, bounds, counted):
     return found
 
 
-@kernel
+@inner_kernel
 def _contacts(filled, item, locations, known, number, least):
     """Return the contacts at a location, or a bound of them that is less than `least`.
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_agents.placements.free_kernels import TurnedArrays
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.geometry.bits import FULL, HIGH, LOW
 from packit_sim.geometry.word_kernels import count_bits
 from packit_sim.placement import BoxArrays, brick_offsets
@@ -99,7 +99,7 @@ def sum_filled(box, nz):
     return sums
 
 
-@kernel
+@inner_kernel
 def _free(sums, low, high):
     """Return the share of a range of bricks that is not filled; 0 if there are none."""
     bricks = 1

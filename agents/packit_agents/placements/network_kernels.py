@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 
 
-@kernel
+@inner_kernel
 def _layer(rows, weights, bias):
     """Return max(0, rows @ weights + bias), float32."""
     count, inputs = rows.shape

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit
 
 _1 = np.uint64(1)
@@ -55,7 +55,7 @@ def update_counts(words, before, first, last, runs, counts):
                     _add_change(now & ~old, old & ~now, runs[0, x], runs[1, y], runs[2, z], counts)
 
 
-@kernel
+@inner_kernel
 def _add_change(added, removed, along_x, along_y, along_z, counts):
     """Update the counts by the cells of a brick that were added and removed (see `_runs`)."""
     for i in range(4):

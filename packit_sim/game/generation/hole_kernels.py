@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.geometry.word_kernels import lowest_bit
 from packit_sim.placement import BoxArrays
 
@@ -56,7 +56,7 @@ def inner_rows(inner, ny):
     return rows
 
 
-@kernel
+@inner_kernel
 def _add_column(cells, words, bit):
     """Set a bit of each word (64,) whose place is one of some cells."""
     for place in range(64):
@@ -143,7 +143,7 @@ def find_holes(box, rows, points, shallow, coarse, turns, limits, each, found):
     return count
 
 
-@kernel
+@inner_kernel
 def _free(rows, row, first, most, steps, cell, last):
     """Return at which locations of a row no point is in an inner cell: a word of up to 32 bits.
 
@@ -161,13 +161,13 @@ def _free(rows, row, first, most, steps, cell, last):
     return free, last
 
 
-@kernel
+@inner_kernel
 def _inner(rows, row, j, place):
     """Return whether the cells at a place in 32 bricks of a row, from number j on, are inner."""
     return rows[row, j >> 5, place] >> np.uint64(j & 31)
 
 
-@kernel
+@inner_kernel
 def _find_taken(box, start, points, shallow, coarse, turn, known, at, cell, fine):
     """Return the first point that is inside an item, -1 if none is; and how many are located."""
     begin, stop = 0, coarse
@@ -180,7 +180,7 @@ def _find_taken(box, start, points, shallow, coarse, turn, known, at, cell, fine
             known = _locate(points, turn, box.nx, box.ny, begin, stop, at, cell, fine)
 
 
-@kernel
+@inner_kernel
 def _locate(points, turn, nx, ny, start, stop, at, cell, fine):
     """Compute the brick, the cell and the fine cell of turned points at the box's origin."""
     place = np.empty(3, np.int64)
@@ -196,7 +196,7 @@ def _locate(points, turn, nx, ny, start, stop, at, cell, fine):
     return stop
 
 
-@kernel
+@inner_kernel
 def _first_taken(box, start, at, cell, fine, shallow, first, stop):
     """Return the first of some points that is inside an item; -1 if there is none."""
     for n in range(first, stop):
@@ -205,7 +205,7 @@ def _first_taken(box, start, at, cell, fine, shallow, first, stop):
     return -1
 
 
-@kernel
+@inner_kernel
 def _taken(box, brick, cell, fine, which):
     """Decide whether a point's fine cell is inner, or outer if `which` is 0."""
     if box.bricks[1, brick] >> cell & _1:
