@@ -1,12 +1,13 @@
-"""The leaderboards: check results files, keep them, and write their rows into the page.
+"""The leaderboards: check results files, keep them, and write the pages of the boards.
 
     .venv/bin/python -m benchmarks.leaderboard results.jsonl   (a minute for 150 tasks)
-    .venv/bin/python -m benchmarks.leaderboard                 (only writes the page)
+    .venv/bin/python -m benchmarks.leaderboard                 (only writes the pages)
     .venv/bin/python -m benchmarks.leaderboard --verify        (checks all kept files again)
+    .venv/bin/python -m benchmarks.leaderboard --verify KEPT   (only these .jsonl.gz files)
 
 Each folder in `benchmarks/results/leaderboard` is a board: `board.json` says which tasks are played
 by which rules, and next to it is a compressed results file, with its manifest, for each agent. All
-numbers of the page are computed from these files. A new run of an agent replaces its file. A new
+numbers of the pages are computed from these files. A new run of an agent replaces its file. A new
 board is a new folder with a `board.json`.
 """
 
@@ -30,12 +31,12 @@ import numpy as np
 from msgspec import Struct
 
 from benchmarks.common import RESULTS, markdown_table, write_into_page
-from packit_sim import PackItError, Rollout
+from packit_sim import PackItError, Rollout, SequenceSampler, ShapeLibrary
 from packit_sim.core import typed_json
 from packit_sim.core.choices import Split
 from packit_sim.core.confidence import format_estimate
 from packit_sim.core.errors import ArgumentError, located
-from packit_sim.core.files import replacing
+from packit_sim.core.files import replace_text, replacing
 from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import find_manifest, manifest_path
 from packit_sim.game.datasets.pack_files import dataset_library, load_tasks
@@ -48,6 +49,13 @@ from packit_sim.rules import PACKIT, Rules
 BOARDS = RESULTS / "leaderboard"
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "leaderboard.md"
+"""The page that lists the boards; the page of each is in the folder `boards` next to it."""
+
+SEQUENCE_CELLS = (20, 20, 20)
+"""The box of sequences, in cells."""
+
+SEQUENCE_STEP_CM = 5.9
+"""The length of a grid step of it, in cm."""
 
 SEED = 0
 """The seed of all entries, so that nobody chooses the best of several."""
@@ -60,6 +68,9 @@ OVERSHOOT = 1.1
 
 LEVELS = (0.7, 0.9, 1.0)
 """The x of Success@x."""
+
+EXAMPLE = "largest-first/aligned/blbf"
+"""The agent of the commands of the pages."""
 
 PACKAGE = "packit-sim"
 """The package of agents for which a board records no other."""
@@ -89,6 +100,9 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
         The dataset of the tasks: the name of a built-in one, or a path.
     split : Split, optional
         The split of the dataset.
+    sequences : int, optional
+        If the tasks are sequences for the online game: their number. They are drawn from the
+        library of the dataset's name, by the defaults of `packit datasets sequences`.
     rules : Rules
         The rules, of those that `packit evaluate` has options for.
     packages : Mapping of str to str
@@ -99,6 +113,7 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
     title: str
     dataset: str
     split: Split | None = None
+    sequences: int | None = None
     rules: Rules = PACKIT
     packages: Mapping[str, str] = {}
 
@@ -128,10 +143,29 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
     @cached_property
     def tasks(self) -> tuple[Task, ...]:
         """The tasks, in the order of their numbers."""
-        return load_tasks(self.dataset, split=self.split)
+        if self.sequences is None:
+            return load_tasks(self.dataset, split=self.split)
+        sampler = SequenceSampler(self.library, SEQUENCE_CELLS, SEQUENCE_STEP_CM)
+        return tuple(sampler.pack(seed).task(self.library) for seed in range(self.sequences))
+
+    @cached_property
+    def library(self) -> ShapeLibrary:
+        """The library of the shapes."""
+        if self.sequences is None:
+            return dataset_library(self.dataset, self.split)
+        return ShapeLibrary.open(self.dataset)
+
+    @property
+    def preparation(self) -> str:
+        """The command that draws the sequences; "" if there are none."""
+        if self.sequences is None:
+            return ""
+        count = str(self.sequences)
+        words = ["packit", "datasets", "sequences", "--library", self.dataset]
+        return shlex.join([*words, "--sequences", count, "--out", self.dataset])
 
     def command(self, agent: str) -> str:
-        """Return the command that plays the tasks.
+        """Return the command that plays the tasks, which `preparation` may have to write first.
 
         Parameters
         ----------
@@ -203,7 +237,7 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
         list of str
             A sentence for each problem.
         """
-        report = verify_dataset(path, dataset_library(self.dataset, self.split))
+        report = verify_dataset(path, self.library)
         not_judged = [report.not_judged] if report.unjudged_returns else []
         return [*map(str, report.problems), *not_judged]
 
@@ -237,12 +271,17 @@ class Row:
         """The smallest of the limits that it keeps; infinite if it keeps none."""
         return next((each for each in LIMITS if self.seconds <= each * OVERSHOOT), math.inf)
 
+    @property
+    def name_of_limit(self) -> str:
+        """The limit as the tables have it."""
+        return f"over {LIMITS[-1]:g} s" if math.isinf(self.limit) else f"{self.limit:g} s"
+
     def cells(self, page: Path) -> list[str]:
         """Return its row of the table on a page."""
         reward = format_estimate(self.score.reward, ".3f")
         link = Path(os.path.relpath(self.file, page.parent)).as_posix()
         return [
-            f"over {LIMITS[-1]:g} s" if math.isinf(self.limit) else f"{self.limit:g} s",
+            self.name_of_limit,
             f"`{self.score.agent}`",
             f"{self.seconds:.2f}",
             reward,
@@ -335,46 +374,119 @@ def rows(folder: Path, board: Board) -> list[Row]:
     return sorted(found, key=lambda row: (row.limit, -row.score.reward.mean, row.score.agent))
 
 
-def markdown(folder: Path = BOARDS, page: Path = PAGE) -> str:
-    """Write the tables of all boards, as they are on a page."""
-    parts = []
+def board_page(folder: Path, own: Path) -> Path:
+    """Return the path of the page of a board, in the folder of the pages."""
+    return folder / f"{own.name}.md"
+
+
+def pages(folder: Path = BOARDS, page: Path = PAGE) -> dict[Path, str]:
+    """Write the page of each board.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the boards.
+    page : Path
+        The page that lists them.
+
+    Returns
+    -------
+    dict of Path to str
+        The text of each page, by its path.
+    """
+    found = {}
     for own, board in read_boards(folder).items():
-        parts.append(
-            f"### {board.title}\n\n{len(board.tasks)} tasks. The command, with the name of the "
-            f"agent in place of AGENT:\n\n`{board.command('AGENT')}`\n\n"
-            + markdown_table(HEAD, [row.cells(page) for row in rows(own, board)])
+        path = board_page(page.parent / "boards", own)
+        split = f", split `{board.split}`" if board.split else ""
+        drawn = "sequences drawn with the seeds from 0, " if board.sequences else ""
+        commands = [board.preparation, board.command(EXAMPLE)]
+        lines = "".join(f"$ {line}\n" for line in commands if line)
+        found[path] = (
+            f"# {board.title}\n\n"
+            f"- **Tasks:** {len(board.tasks)}, {drawn}`{board.dataset}`{split} "
+            f"([datasets](../../reference/datasets.md))\n"
+            f"- **Rules:** {board.rules} ([rules of the game](../../concepts/rules.md))\n"
+            "- **Columns, limits, and how to submit:** [the leaderboard](../leaderboard.md)\n\n"
+            f"With the name of your agent:\n\n```console\n{lines}```\n\n"
+            + markdown_table(HEAD, [row.cells(path) for row in rows(own, board)])
         )
-    return "\n".join(parts)
-
-
-def verify(folder: Path = BOARDS) -> list[str]:
-    """Check all kept files with the oracle; return a sentence for each problem."""
-    found = []
-    for own, board in read_boards(folder).items():
-        for file in entries(own):
-            with unpacked(file) as path:
-                found += board.problems(path)
     return found
 
 
-def main() -> None:
-    """Add results, write the page, and verify what is kept."""
+def markdown(folder: Path = BOARDS) -> str:
+    """Write the list of the boards: for each the best agent under each limit that is kept."""
+    cells = []
+    for own, board in read_boards(folder).items():
+        best = {row.limit: row for row in reversed(rows(own, board))}
+        leaders = "; ".join(
+            f"{row.name_of_limit}: `{row.score.agent}` {row.score.reward.mean:.3f}"
+            for _, row in sorted(best.items())
+        )
+        count = len(entries(own))
+        cells.append((f"[{board.title}](boards/{own.name}.md)", len(board.tasks), count, leaders))
+    return markdown_table(("board", "tasks", "entries", "best Average Reward by limit"), cells)
+
+
+def write(folder: Path = BOARDS, page: Path = PAGE) -> None:
+    """Write all pages."""
+    for path, text in pages(folder, page).items():
+        replace_text(path, text)
+    write_into_page(page, markdown(folder))
+
+
+def verify(kept: Sequence[Path] | None = None, folder: Path = BOARDS) -> list[str]:
+    """Check kept files: that each is an entry of its board, and with the oracle.
+
+    Parameters
+    ----------
+    kept : Sequence of Path, optional
+        Compressed results files; by default those of all boards.
+    folder : Path
+        The folder of the boards.
+
+    Returns
+    -------
+    list of str
+        A sentence for each problem.
+
+    Raises
+    ------
+    ResultsError
+        If a file can't be read, or is not an entry of its board.
+    """
+    boards = read_boards(folder)
+    known = {file.resolve(): own for own in boards for file in entries(own)}
+    found = []
+    for file in known if kept is None else kept:
+        if file.resolve() not in known:
+            raise ResultsError(f"{file} is not kept on a board: it must be in a folder of {folder}")
+        board = boards[known[file.resolve()]]
+        with unpacked(file) as path:
+            board.check(file, read_results(path))
+            found += [f"{file}: {problem}" for problem in board.problems(path)]
+    return found
+
+
+def main(folder: Path = BOARDS) -> None:
+    """Add results, write the pages, and verify what is kept."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("results", nargs="*", type=Path, help="results files of `packit evaluate`")
-    parser.add_argument("--verify", action="store_true", help="check all kept files again")
+    parser.add_argument("--verify", action="store_true", help="check kept files again")
     arguments = parser.parse_args()
     try:
-        for path in arguments.results:
-            print(f"{path} holds: kept as {add(path)}")
-        write_into_page(PAGE, markdown())
-        found = verify() if arguments.verify else []
+        if arguments.verify:
+            if found := verify(arguments.results or None, folder):
+                raise SystemExit("\n".join(found))
+            print("the kept files hold")
+        else:
+            for path in arguments.results:
+                print(f"{path} holds: kept as {add(path, folder)}")
+        write(folder)
     except PackItError as error:
         raise SystemExit(f"error: {error}") from None
-    if found:
-        raise SystemExit("\n".join(found))
-    print(f"wrote {PAGE}")
+    print(f"wrote {PAGE} and the pages of the boards")
 
 
 if __name__ == "__main__":

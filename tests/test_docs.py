@@ -165,7 +165,8 @@ def check_physics(names: dict[str, Any], output: str) -> None:
 
 
 def check_search(names: dict[str, Any], output: str) -> None:
-    lines = [line.split() for line in output.splitlines()]
+    *lines, outcome = [line.split() for line in output.splitlines()]
+    assert outcome == ["filled"]
     assert [int(rollouts) for rollouts, _ in lines] == list(range(1, len(lines) + 1))
     best = [float(reward) for _, reward in lines]
     assert 1 < len(best) <= 20 and best == sorted(best) and 0 < best[0] <= best[-1] <= 1 + 1e-9

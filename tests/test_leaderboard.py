@@ -4,6 +4,7 @@ import gzip
 import json
 import math
 import shlex
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from benchmarks.common import table_in_page
 from benchmarks.leaderboard import BOARDS, LIMITS, PAGE, Board, Row, add, entries, read_boards
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.errors import ArgumentError
+from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.evaluation.evaluation import Score
 from packit_sim.game.evaluation.results import ResultsError, Rollout, read_results, write_results
 from packit_sim.rules import PACKIT, Rules
@@ -53,9 +55,17 @@ def submit(rollouts: Sequence[Rollout], boards: Path) -> Path:
     return add(file, boards)
 
 
+def table_of(boards: Path) -> list[str]:
+    """The lines of the page of the board of the starter packs."""
+    (text,) = leaderboard.pages(boards, boards / "page.md").values()
+    return text.splitlines()
+
+
 @pytest.mark.slow
-def test_the_page_agrees_with_the_kept_files() -> None:
+def test_the_pages_agree_with_the_kept_files() -> None:
     assert table_in_page(PAGE) == leaderboard.markdown()
+    pages = leaderboard.pages()
+    assert {path: path.read_text() for path in (PAGE.parent / "boards").glob("*.md")} == pages
 
 
 def test_each_board_has_an_entry_and_all_together_are_small() -> None:
@@ -97,16 +107,12 @@ def test_results_that_hold_are_kept_as_they_are_and_get_a_row(boards) -> None:
         assert "10 of 10 packs hold" in packit("verify", path)
     submit(played("x/y/z", 3), boards)
     submit([changed(each, weights="0123456789abcdef") for each in played("l/e/s", 1)], boards)
-    cells = [
-        line.strip("| ").split(" | ")
-        for line in leaderboard.markdown(boards, boards / "page.md").splitlines()
-        if line.startswith("| 1 s")
-    ]
+    cells = [line.strip("| ").split(" | ") for line in table_of(boards) if line.startswith("| 1 s")]
     assert [row[1] for row in cells] == ["`x/y/z`", "`a/b/c+d=5s`", "`l/e/s`"]
     score = Score.of("x/y/z", played("x/y/z", 3))
     success = [f"{score.success[x].mean:.1f}" for x in (0.7, 0.9, 1.0)]
     reward = format_estimate(score.reward, ".3f")
-    link = "[file](starter/x-y-z.jsonl.gz)"
+    link = "[file](../starter/x-y-z.jsonl.gz)"
     assert cells[0] == ["1 s", "`x/y/z`", "0.50", reward, *success, "", "`packit-sim`", link]
     assert cells[2][7] == "`0123456789abcdef`"
 
@@ -122,7 +128,7 @@ def test_where_to_get_an_agent_is_part_of_its_row(boards) -> None:
     file = boards / "starter" / "board.json"
     packages = {"a/b/c": "abc-agents==1.2"}
     file.write_text(json.dumps({**json.loads(file.read_text()), "packages": packages}))
-    assert "| `abc-agents==1.2` |" in leaderboard.markdown(boards, boards / "page.md")
+    assert any("| `abc-agents==1.2` |" in line for line in table_of(boards))
 
 
 REFUSED: dict[str, tuple[Callable[[list[Rollout]], list[Rollout]], str]] = {
@@ -165,6 +171,51 @@ def test_what_is_not_an_entry_is_refused_and_not_kept(forge, message, boards) ->
     with pytest.raises(ResultsError, match=message):
         submit(forge(played()), boards)
     assert entries(boards / "starter") == []
+
+
+def forge_kept(boards: Path, rollouts: Sequence[Rollout]) -> Path:
+    """Keep results without a check, as a pull request could."""
+    plain = boards / "starter" / "a-b-c.jsonl"
+    write_results(plain, rollouts)
+    kept = plain.with_name(f"{plain.name}.gz")
+    kept.write_bytes(gzip.compress(plain.read_bytes(), mtime=0))
+    plain.unlink()
+    return kept
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["another seed", "a missing task", "a return that is too high", "an item inside another"],
+)
+def test_a_forged_entry_of_a_pull_request_is_refused(name, boards, monkeypatch, capsys) -> None:
+    """The workflow runs the command on the files that a pull request changes."""
+    forge, message = REFUSED[name]
+    kept = forge_kept(boards, forge(played()))
+    monkeypatch.setattr(sys, "argv", ["leaderboard", "--verify", str(kept)])
+    with pytest.raises(SystemExit, match=message.partition(", .*problems")[0]):
+        leaderboard.main(boards)
+    assert "wrote" not in capsys.readouterr().out
+
+
+def test_a_file_outside_the_boards_is_no_entry(boards, tmp_path) -> None:
+    kept = forge_kept(boards, played())
+    assert leaderboard.verify([kept], boards) == []
+    other = tmp_path / "other.jsonl.gz"
+    kept.rename(other)
+    with pytest.raises(ResultsError, match="is not kept on a board"):
+        leaderboard.verify([other], boards)
+
+
+def test_sequences_of_a_board_are_those_of_its_command(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rules = Rules(kinematic=True, buffer=5, rotations="yaw")
+    board = Board(title="Online", dataset="blockout", sequences=2, rules=rules)
+    program, *words = shlex.split(board.preparation)
+    assert program == "packit"
+    packit(*words)
+    written = load_tasks("blockout")
+    assert [task.digest for task in board.tasks] == [task.digest for task in written]
+    assert board.command("a/b/c").startswith("packit evaluate blockout --kinematic --buffer 5 ")
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,64 @@ def test_minari_collects_infos_and_recreates_the_environment(tmp_path, monkeypat
     assert again.maker.library.ids == library.ids
 
 
+class Masked(gym.ObservationWrapper):
+    """Observations as RLlib's action-masking module takes them."""
+
+    def __init__(self, env: gym.Env) -> None:
+        super().__init__(env)
+        mask = gym.spaces.Box(0, 1, (int(env.action_space.n),), np.float32)
+        spaces = {"observations": env.observation_space, "action_mask": mask}
+        self.observation_space = gym.spaces.Dict(spaces)
+
+    def observation(self, observation):
+        mask = self.unwrapped.action_masks().astype(np.float32)
+        return {"observations": observation, "action_mask": mask}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # RLlib deprecates much of itself
+def test_rllib_learns_by_the_masks(monkeypatch) -> None:
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    pytest.importorskip("ray.rllib", reason="RLlib is not installed")
+    ray, ppo, masking, modules, registry = (
+        importlib.import_module(name)
+        for name in (
+            "ray",
+            "ray.rllib.algorithms.ppo",
+            "ray.rllib.examples.rl_modules.classes.action_masking_rlm",
+            "ray.rllib.core.rl_module.rl_module",
+            "ray.tune.registry",
+        )
+    )
+
+    class Watched(gym.Wrapper):
+        def step(self, action):
+            result = super().step(action)
+            assert result[-1]["end"] != "invalid action"
+            return result
+
+    registry.register_env(
+        "packit", lambda settings: Masked(Watched(flattened(gym.make("PackIt-v0", **settings))))
+    )
+    config = (
+        ppo.PPOConfig()
+        .environment("packit", env_config=SHAPES_ONLY)
+        .env_runners(num_env_runners=0, rollout_fragment_length=64)
+        .rl_module(
+            rl_module_spec=modules.RLModuleSpec(module_class=masking.ActionMaskingTorchRLModule)
+        )
+        .training(train_batch_size_per_learner=64, minibatch_size=32, num_epochs=1)
+    )
+    ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False)
+    try:
+        algorithm = config.build_algo()
+        found = algorithm.train()["env_runners"]
+        algorithm.stop()
+    finally:
+        ray.shutdown()
+    assert found["num_env_steps_sampled"] >= 64 and found["episode_return_mean"] > 0
+
+
 @pytest.mark.slow
 def test_d3rlpy_learns_from_a_recording(tmp_path) -> None:
     """The shapes that the Heuristic chooses, by behaviour cloning for a few steps."""

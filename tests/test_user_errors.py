@@ -256,6 +256,12 @@ WRONG = [
     ("datasets sequences --out s --step-cm 1", "all shapes are larger than the box of 5 x 5 x 5"),
     ("datasets sequences --out s --cells 20 20 512 --step-cm 0.1", "shape 'i' is larger"),
     ("datasets sequences --out s --library nowhere", "'nowhere'"),
+    ("datasets archive nothing --out x", "nothing"),
+    ("datasets archive nothing --shapes --out x", "'nothing'"),
+    ("datasets archive meshes --shapes --out x", "is no stored library"),
+    ("datasets archive everyday --shapes --licence MIT --out x", "--licence has no effect"),
+    ("datasets archive blockout --shapes --out folder/..", "is not an empty folder"),
+    ("datasets archive starter --out x --date soon", "'soon'"),
     ("datasets original absent --library everyday --out x.jsonl", "absent"),
     ("datasets original broken.json --library everyday --out x.jsonl", "broken.json"),
     # train

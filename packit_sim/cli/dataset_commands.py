@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import datetime
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +23,7 @@ with lazy_imports():
 
     from packit_sim.cli import inputs, output, terminal
     from packit_sim.core import files as core_files
-    from packit_sim.game.datasets import datasheet, manifests, pack_files, statistics
+    from packit_sim.game.datasets import archives, datasheet, manifests, pack_files, statistics
     from packit_sim.game.datasets import original as original_packs
     from packit_sim.game.reports import statistics_plot
     from packit_sim.render import plots
@@ -117,6 +119,50 @@ def datasheet_command(
     statistics_plot.save([part.statistics for part in parts], picture)
     core_files.replace_text(out, text)
     output.print_written(out, f" and {picture}")
+
+
+@app.command()
+def archive(
+    name: Annotated[
+        str,
+        typer.Argument(metavar="NAME", help="Dataset; with --shapes, shape library: name or path."),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="New folder; the ZIP file goes next to it.")
+    ],
+    shapes: Annotated[bool, typer.Option("--shapes", help="Archive a shape library.")] = False,
+    licence: Annotated[
+        str, typer.Option(help="SPDX identifier of your packs' licence, such as CC0-1.0.")
+    ] = "",
+    author: Annotated[str, typer.Option(help="Who publishes your data.")] = "",
+    date: Annotated[
+        datetime.datetime | None,
+        typer.Option(formats=["%Y-%m-%d"], help="Date of publication; default: today."),
+    ] = None,
+) -> None:
+    """Write what data hosts take: the files, Croissant metadata, a data card and a citation.
+
+    A ZIP file has the same content. Equal data and dates give equal files. Nothing is uploaded.
+
+    Example: packit datasets archive everyday-v1 --out everyday-v1-archive
+
+    Example: packit datasets archive everyday --shapes --out everyday-archive
+    """
+    day = (date or datetime.datetime.now()).date().isoformat()
+    if shapes:
+        if licence:
+            raise ArgumentError("--licence has no effect with --shapes: each shape has its own")
+        metadata, card = archives.library_archive(packit_sim.ShapeLibrary.open(name), day, author)
+    else:
+        plots.require()
+        opened = inputs.open_library(None, name)
+        metadata, card = archives.dataset_archive(name, opened, day, licence, author)
+        with tempfile.TemporaryDirectory() as folder:
+            picture = Path(folder) / archives.PICTURE
+            statistics_plot.save(statistics.take(name, opened, None), picture)
+            metadata = metadata.with_file(picture.name, picture.read_bytes())
+    whole = archives.write_archive(metadata, card, out)
+    output.print_written(out, f" and {whole}, version {metadata.version}")
 
 
 @app.command()

@@ -70,6 +70,7 @@ PURPOSES = {
     "matplotlib": "plots",
     "minari": "recorded demonstrations",
     "pybullet": "physics, and pictures by EGL",
+    "pysat": "exact cover with polycubes",
     "python_calamine": "lists of parts in .xlsx",
     "ray": "--backend ray",
     "stable_baselines3": "packit train",

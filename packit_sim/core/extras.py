@@ -17,6 +17,7 @@ EXTRAS = {
     "minari": "learn",
     "pybullet": "physics",
     "python_calamine": "sheets",
+    "pysat": "exact",
     "ray": "cluster",
     "sb3_contrib": "learn",
     "stable_baselines3": "learn",
