@@ -45,6 +45,7 @@ from .parts.nesting.nest import nest as nest
 from .parts.pack import pack as pack
 from .parts.packings.containers import BoxContainer as BoxContainer
 from .parts.packings.cylinders import CylinderContainer as CylinderContainer
+from .parts.packings.distances import WallClearance as WallClearance
 from .parts.packings.item_types import ItemType as ItemType
 from .parts.packings.mesh_containers import MeshContainer as MeshContainer
 from .parts.packings.packing import Packing as Packing

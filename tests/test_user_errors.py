@@ -57,6 +57,8 @@ WRONG = [
     ("pack good.off --box 9x9x9 --out x --time -3", "time -3.0"),
     ("pack good.off --box 9x9x9 --out x --clearance wide", "'wide' is not a length"),
     ("pack good.off --box 9x9x9 --out x --wall-clearance 5mm", "no space in it"),
+    ("pack good.off --box 9x9x9 --out x --wall-clearance left=5mm", "each of sides, floor, top"),
+    ("pack good.off --box 9x9x9 --out x --clearance-z 1mm", "both above 0, and their ratio"),
     ("pack good.off --box 9x9x9 --out x --rotations some", "'some'"),
     ("pack good.off --box 9x9x9 --out x --keep-out absent.stl", "keep-out"),
     ("pack good.off --box 9x9x9 --out x --fixed good.off --boxes 2", "need one box"),

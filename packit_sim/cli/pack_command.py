@@ -25,8 +25,8 @@ from packit_sim.core.length_units import Unit
 with lazy_imports():
     from packit_sim.cli import output, terminal
     from packit_sim.parts.reading import boxes as box_texts
+    from packit_sim.parts.reading import distances, limits, units
     from packit_sim.parts.reading import files as part_files
-    from packit_sim.parts.reading import limits, units
     from packit_sim.parts.results import check, record, summary
 
 
@@ -59,10 +59,18 @@ def pack_command(
     clearance: Annotated[
         str, typer.Option(help="Smallest distance between two parts, such as 1mm.")
     ] = "0",
-    wall_clearance: Annotated[str, typer.Option(help="Smallest distance to the walls.")] = "0",
+    clearance_z: Annotated[
+        str | None, typer.Option(help="The same along z, if it is another one.")
+    ] = None,
+    wall_clearance: Annotated[
+        str,
+        typer.Option(help="Smallest distance to the walls; sides=5mm,floor=2mm,top=0 for each."),
+    ] = "0",
     rotations: Annotated[
         str,
-        typer.Option(help="Rotations of parts: fixed, upright, yaw-N, axis-N, cube or free."),
+        typer.Option(
+            help="Rotations of parts: fixed, upright, yaw-N, flip-N, axis-N, cube or free."
+        ),
     ] = "cube",
     keep_out: Annotated[
         list[str] | None,
@@ -156,8 +164,8 @@ def pack_command(
     reading, and as far as possible the check and all files.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
-    no_stack (yes: nothing may rest on it), max_load (g), unit and name. Parts of a higher priority
-    are packed first. Parts that break a constraint are left out, with the reason.
+    no_stack (yes: nothing may rest on it), max_load (g), clearance, unit and name. Parts of a
+    higher priority are packed first. Parts that break a constraint are left out, with the reason.
 
     Example: packit pack parts/*.stl --box 300x200x150mm --out packed
 
@@ -173,7 +181,8 @@ def pack_command(
     length: Unit = box_texts.box_unit(boxes_asked) or unit
     settings = packit_sim.PackSettings(
         clearance=units.lengths(clearance, 1, length)[0],
-        wall_clearance=units.lengths(wall_clearance, 1, length)[0],
+        clearance_z=None if clearance_z is None else units.lengths(clearance_z, 1, length)[0],
+        wall_clearance=distances.read_wall_clearance(wall_clearance, length),
         accuracy=None if accuracy is None else units.lengths(accuracy, 1, length)[0],
         removable=removable,
         insertable=insertable == "top",

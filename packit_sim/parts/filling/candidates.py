@@ -79,7 +79,7 @@ def in_order(packed: PackedParts) -> PackedParts:
     first = len(task.fixed)
     packings = []
     for packing, whole in zip(packed.packings, packed.contents, strict=True):
-        may_touch = whole.clearance == 0 and task.settings.wall_clearance == 0
+        may_touch = task.largest_gap == 0 and task.walls.floor == 0
         if constraints.stable is not None and may_touch:
             resting = lowered(whole, constraints.fixed)
             own = replace(packing, placements=resting.placements[first:])

@@ -16,6 +16,7 @@ from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.rotation_sets import FIXED
 from packit_sim.parts.reading.boxes import Boxes, BoxType, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts
@@ -84,7 +85,7 @@ def prepared_task(
     box, outlines = with_meshes(box, unit, settings.reading, count)
     boxes = _limited(box_types(box, unit, count), settings.limits)
     check_objective(objective, boxes)
-    check_margin(settings.wall_clearance, boxes, unit)
+    check_margin(WallClearance.of(settings.wall_clearance), boxes, unit)
     progress("reading", 0, 0)
     reading = find_parts(parts, settings.reading)
     _check_triangles(reading.parts)
@@ -192,7 +193,7 @@ def _without_tiny(task: PackTask) -> PackTask:
     fitting = _fitting(task)
     if not fitting:
         return task
-    least = least_side(fitting, task.gap)
+    least = least_side(fitting, task.largest_gap)
     parts = []
     for each in task.parts:
         if each.item_type.extents.max() < least:

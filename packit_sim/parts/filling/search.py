@@ -19,9 +19,12 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.shelves import shelved
+from packit_sim.parts.filling.stretching import StretchedTypes
 from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
 from packit_sim.parts.packings.bounds import SUM_ROUNDING
+from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
@@ -37,6 +40,12 @@ _SECONDS = 0.05, 1e6
 
 _REPEATS = 4
 """Searches for a box, if their iterations are limited, while constraints leave parts out."""
+
+_STEPS = 0.08, 0.005
+"""Shares by which a height is lowered at a time, at first and at last."""
+
+_STEP_TIME = 0.25
+"""Share of the time that is left for each."""
 
 _NEXT_SEED = 1000
 """Difference of the seeds of searches for a box; a search that resumes adds 1."""
@@ -123,7 +132,7 @@ class PackingSearch:
             stock = math.inf if box.count is None else box.count
             while left and stock > 0 and not self._bodies(box):
                 placements = shelved(task, self._allowed(box, left), box.size)
-                packing = Packing(task.types, task.container(box), placements, task.gap, "knapsack")
+                packing = task.packing(task.container(box), placements)
                 if not placements or packing.problems():
                     break
                 found.append(packing)
@@ -171,7 +180,7 @@ class PackingSearch:
     def _nest_all(self, counts: Mapping[int, int]) -> None:
         objective, first = self._task.objective, self._task.boxes[0]
         is_plain = not any(self._bodies(b) or not b.limits.is_empty for b in self._task.boxes)
-        may_be_together = objective == "boxes" and is_plain
+        may_be_together = objective == "boxes" and is_plain and self._task.stretch == 1
         if may_be_together and self._can_all_fit(counts):
             self._fill_together(counts)
         else:
@@ -254,6 +263,9 @@ class PackingSearch:
 
     def _lower(self, box: BoxType, counts: Mapping[int, int]) -> None:
         """Search for the least height of all parts, below the box's."""
+        if self._task.stretch != 1:
+            self._lower_by_steps(box, counts)
+            return
         inner = self._inner(box)
         x, y, z = inner.size
 
@@ -265,6 +277,24 @@ class PackingSearch:
         strip = BoxContainer((x, y, math.inf), inner.obstacles)
         self._nest(strip, "strip", counts, self._left, better, self._earlier(box, 0))
 
+    def _lower_by_steps(self, box: BoxType, counts: Mapping[int, int]) -> None:
+        """Search for all parts in lower and lower boxes, where a strip is not possible."""
+        margin, step = self._task.search_margin, _STEPS[0]
+        while step >= _STEPS[1] and not self._is_over:
+            height = self.best.packings[0].height * (1 - step)
+            inner = self._inner(box, height + margin.top)
+            is_all = False
+
+            def better(packing: Packing) -> None:
+                nonlocal is_all
+                is_all = len(packing.placements) == sum(counts.values())
+                if is_all:
+                    self._offer(self._candidate(self._in_boxes(packing, box)))
+
+            seconds = self._left * _STEP_TIME
+            self._nest(inner, "knapsack", counts, seconds, better, self._earlier(box, 0))
+            step = step if is_all else step / 2
+
     def _earlier(self, box: BoxType, number: int) -> Packing | None:
         """Return the box of this number in the packing that the search began with."""
         packings = self._first.packings
@@ -274,7 +304,7 @@ class PackingSearch:
 
     def _nest(
         self,
-        container: BoxContainer | Sequence[BoxContainer],
+        containers: BoxContainer | Sequence[BoxContainer],
         objective: str,
         counts: Mapping[int, int],
         seconds: float,
@@ -287,13 +317,30 @@ class PackingSearch:
         task, settings = self._task, self._task.settings
         numbers = sorted(counts)
         types = [task.types[n].changed(counts[n], value=task.weights[n]) for n in numbers]
+        first = None if start is None else self._start(start, types, numbers)
+        sums = limits.sums([task.parts[n].mass for n in numbers])
+        stretched: StretchedTypes | None = None
+        own, container = tuple(types), containers
+        if task.stretch != 1:
+            assert isinstance(containers, BoxContainer)
+            stretched = StretchedTypes(types, task.stretch)
+            own, container = stretched.types, stretched.container(containers)
+            sums = stretched.limits(sums, [counts[n] for n in numbers])
+            if first is not None:
+                known = filter(None, map(stretched.stretched, first.placements))
+                first = Packing(own, container, tuple(known), 0.0, "knapsack")
 
         def of_all(packing: Packing, _: float) -> None:
-            placements = [replace(one, type=numbers[one.type]) for one in packing.placements]
+            found = packing.placements
+            if stretched is not None:
+                assert isinstance(containers, BoxContainer)
+                found = tuple(map(stretched.unstretched, found))
+                packing = replace(packing, container=containers)
+            placements = [replace(one, type=numbers[one.type]) for one in found]
             better(replace(packing, types=task.types, placements=tuple(placements)))
 
         nest(
-            types,
+            own,
             container,
             objective,
             min(max(seconds, _SECONDS[0]), _SECONDS[1]),
@@ -305,9 +352,9 @@ class PackingSearch:
                 settings.backend,
                 settings.address,
                 settings.iterations,
-                start=None if start is None else self._start(start, types, numbers),
+                start=first,
                 stop=self._stopped,
-                limits=limits.sums([task.parts[n].mass for n in numbers]),
+                limits=sums,
             ),
         )
 
@@ -316,7 +363,7 @@ class PackingSearch:
     ) -> Packing:
         """Move the parts of a box into the inner container, as a packing of some types."""
         box = next(each for each in self._task.boxes if each.name == packing.container.name)
-        inner_from_box = Motion.shift(np.full(3, -self._task.search_margin))
+        inner_from_box = Motion.shift(-self._task.search_margin.low)
         placements = [
             replace(one, type=numbers.index(one.type), pose=inner_from_box @ one.pose, box=0)
             for one in packing.placements
@@ -327,19 +374,13 @@ class PackingSearch:
     def _in_boxes(self, packing: Packing, *types: BoxType) -> list[Packing]:
         """Move a packing from the inner containers into its boxes, which are of some types."""
         by_size = {self._inner(each).size: each for each in reversed(types)}
-        box_from_inner = Motion.shift(np.full(3, self._task.search_margin))
+        box_from_inner = Motion.shift(self._task.search_margin.low)
         found: dict[int, list[Placement]] = {}
         for one in packing.placements:
             moved = replace(one, pose=box_from_inner @ one.pose, box=0)
             found.setdefault(one.box, []).append(moved)
         return [
-            Packing(
-                self._task.types,
-                self._task.container(box),
-                tuple(found[n]),
-                self._task.gap,
-                "knapsack",
-            )
+            self._task.packing(self._task.container(box), found[n])
             for n in sorted(found)
             for box in [by_size.get(packing.container_of(n).size, types[0])]
         ]
@@ -353,9 +394,11 @@ class PackingSearch:
             if self._callback is not None:
                 self._callback(found)
 
-    def _inner(self, box: BoxType) -> BoxContainer:
+    def _inner(self, box: BoxType, height: float | None = None) -> BoxContainer:
+        """Return the space for parts inside a box, of another height if wanted."""
         margin = self._task.search_margin
-        x, y, z = (side - 2 * margin for side in box.size)
+        sides = (*box.size[:2], box.size[2] if height is None else height)
+        x, y, z = (np.array(sides) - margin.low - margin.high).tolist()
         return BoxContainer((x, y, z), self._bodies(box), box.name)
 
     def _bodies(self, box: BoxType) -> tuple[ItemType, ...]:
@@ -366,14 +409,17 @@ class PackingSearch:
         """
         if box not in self._known_bodies:
             task, margin = self._task, self._task.search_margin
-            walls = box.container.walls(margin, task.gap)
+            across = task.gap if form_of(box.container) == "cylinder" else task.least_gap
+            walls = box.container.walls(margin, across)
             self._known_bodies[box] = tuple(
-                replace(each, vertices=each.vertices - margin, known_volume=each.volume)
-                for each in (*(one.item_type for one in task.obstacles), *walls)
+                replace(each, vertices=each.vertices - margin.low, known_volume=each.volume)
+                for each in (*task.container(box).obstacles, *walls)
             )
         return self._known_bodies[box]
 
-    def _fits(self, number: int, box: BoxType | None = None, margin: float | None = None) -> bool:
+    def _fits(
+        self, number: int, box: BoxType | None = None, margin: WallClearance | None = None
+    ) -> bool:
         part = self._task.parts[number]
         margin = self._task.margin if margin is None else margin
         boxes = self._task.boxes if box is None else (box,)

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.choices import Goal, SearchBackend
@@ -21,6 +23,7 @@ from packit_sim.parts.packings.bounds import COUNTS, DISTANCES, ITERATIONS, LENG
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.containers import Container
+from packit_sim.parts.packings.distances import WallClearance, stretch
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
@@ -42,8 +45,8 @@ class PackSettings:
     Parameters
     ----------
     clearance : float
-        Smallest distance between two parts.
-    wall_clearance : float
+        Smallest distance between two parts, unless one of them has a larger one.
+    wall_clearance : float or WallClearance
         Smallest distance to the walls.
     accuracy : float, optional
         Largest deviation of a collision mesh from its file; by default 0.002 of its diagonal.
@@ -85,6 +88,9 @@ class PackSettings:
     limits : Limits or mapping of str to Limits
         What one box may hold, where a box does not say so; or the same by the name of the boxes,
         with those of all others by the name "".
+    clearance_z : float, optional
+        Smallest distance of two parts of which one is straight above the other; by default the
+        same as `clearance`. Between, an ellipsoid with these half axes decides (see Notes).
 
     Raises
     ------
@@ -92,6 +98,12 @@ class PackSettings:
         If a number is out of bounds.
     WorkersError
         If the search can't have such workers.
+
+    Notes
+    -----
+    With `clearance_z`, distances are measured after all lengths along z are multiplied by
+    `clearance / clearance_z`, and must be at least the clearance then. A clearance of a part is
+    stretched in the same way.
 
     Examples
     --------
@@ -106,7 +118,7 @@ class PackSettings:
     """
 
     clearance: float = 0.0
-    wall_clearance: float = 0.0
+    wall_clearance: float | WallClearance = 0.0
     accuracy: float | None = None
     boxes: int | None = None
     unit: Unit | None = None
@@ -124,10 +136,13 @@ class PackSettings:
     stop: threading.Event | None = None
     separable: bool = False
     limits: Limits | Mapping[str, Limits] = NO_LIMITS
+    clearance_z: float | None = None
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
-        check_range("wall clearance", self.wall_clearance, DISTANCES)
+        stretch(self.clearance, self.clearance_z)
+        if not isinstance(self.wall_clearance, WallClearance):
+            check_range("wall clearance", self.wall_clearance, DISTANCES)
         for name in ("accuracy", "stable"):
             if getattr(self, name) is not None:
                 check_range(name, getattr(self, name), LENGTHS)
@@ -148,13 +163,15 @@ def check_objective(objective: Goal, boxes: Sequence[BoxType]) -> None:
         raise ArgumentError("the objective height needs one box: choose boxes for several")
 
 
-def check_margin(margin: float, boxes: Sequence[BoxType], unit: Unit) -> None:
-    """Raise ArgumentError if a distance from the walls leaves no space in a box."""
+def check_margin(margin: WallClearance, boxes: Sequence[BoxType], unit: Unit) -> None:
+    """Raise ArgumentError if distances from the walls are not possible in a box."""
     for box in boxes:
-        if min(box.size) <= 2 * margin:
+        if not margin.is_even and form_of(box.container) == "mesh":
             raise ArgumentError(
-                f"box {box.name!r}: {margin:.4g} {unit} at each wall leave no space in it"
+                f"box {box.name!r} is a mesh: choose one distance from all of its walls"
             )
+        if (np.array(box.size) <= margin.low + margin.high).any():
+            raise ArgumentError(f"box {box.name!r}: {margin.text(unit)} leave no space in it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,10 +239,16 @@ class PackTask:
         Those of fixed parts follow.
         """
         found = (
-            each.item_type.changed(value=weight)
+            self._kept_apart(each).changed(value=weight)
             for each, weight in zip(self.parts, self.weights, strict=True)
         )
-        return (*found, *(each.item_type for each in self.fixed))
+        return (*found, *map(self._kept_apart, self.fixed))
+
+    def _kept_apart(self, part: PreparedPart) -> ItemType:
+        """Return the type of a part, with the distance of collision meshes if it has its own."""
+        if part.clearance is None:
+            return part.item_type
+        return part.item_type.changed(clearance=part.clearance + self._deviations)
 
     @property
     def all_parts(self) -> tuple[PreparedPart, ...]:
@@ -317,7 +340,14 @@ class PackTask:
 
     def container(self, box: BoxType) -> Container:
         """Return a box with what the parts keep clear of."""
-        return box.container.with_obstacles([each.item_type for each in self.obstacles])
+        return box.container.with_obstacles(list(map(self._kept_apart, self.obstacles)))
+
+    def packing(self, container: Container, placements: Sequence[Placement]) -> Packing:
+        """Return a packing of this task in one of its boxes."""
+        gap_z = None if self.stretch == 1 else self.gap / self.stretch
+        return Packing(
+            *(self.types, container, tuple(placements), self.gap, "knapsack"), clearance_z=gap_z
+        )
 
     def with_fixed(self, packing: Packing) -> Packing:
         """Return a packing of this task with the fixed parts as its first placements."""
@@ -327,28 +357,58 @@ class PackTask:
         placements = (*fixed, *packing.placements)
         return replace(packing, container=container, placements=placements)
 
+    @property
+    def stretch(self) -> float:
+        """By what lengths along z are multiplied before distances are measured."""
+        return stretch(self.settings.clearance, self.settings.clearance_z)
+
     @cached_property
     def gap(self) -> float:
         """The distance of two collision meshes that keeps the clearance of the files' surfaces."""
-        return self.settings.clearance + largest_sum((*self.parts, *self.obstacles))
-
-    @cached_property
-    def margin(self) -> float:
-        """The distance of collision meshes from the walls, for the same purpose."""
-        deviation = max((each.deviation for each in self.parts), default=0.0)
-        walls = max((each.deviation for each in self.outlines.values()), default=0.0)
-        return self.settings.wall_clearance + deviation + walls
+        return self.settings.clearance + self._deviations
 
     @property
-    def search_margin(self) -> float:
+    def least_gap(self) -> float:
+        """The same in the direction in which it is least."""
+        return self.gap * min(1.0, 1 / self.stretch)
+
+    @cached_property
+    def _deviations(self) -> float:
+        """How much less the distance of two files' surfaces may be."""
+        return largest_sum((*self.parts, *self.obstacles)) * max(1.0, self.stretch)
+
+    @cached_property
+    def largest_gap(self) -> float:
+        """The same for the part that keeps the largest distance."""
+        every = map(self._kept_apart, (*self.parts, *self.obstacles))
+        return max(self.gap, *(each.clearance or 0.0 for each in every))
+
+    @cached_property
+    def walls(self) -> WallClearance:
+        """The distances of files' surfaces from the walls."""
+        return WallClearance.of(self.settings.wall_clearance)
+
+    @cached_property
+    def margin(self) -> WallClearance:
+        """The distances of collision meshes from the walls, for the same purpose."""
+        deviation = max((each.deviation for each in self.parts), default=0.0)
+        walls = max((each.deviation for each in self.outlines.values()), default=0.0)
+        return self.walls.plus(deviation + walls)
+
+    @cached_property
+    def search_margin(self) -> WallClearance:
         """The same for the nester, which lets items reach beyond walls by the tolerance."""
-        return self.margin + (self.tolerance if self.settings.wall_clearance else 0.0)
+        if self.stretch == 1 and not self.walls.largest:
+            return self.margin
+        return self.margin.plus(self.tolerance * max(self.stretch, 1 / self.stretch))
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that decides which packing is better."""
         settings = self.settings
-        numbers = (settings.clearance, settings.wall_clearance, settings.accuracy, self.unit)
+        numbers: tuple[object, ...] = (settings.clearance, settings.wall_clearance)
+        numbers += () if settings.clearance_z is None else (settings.clearance_z,)
+        numbers += (settings.accuracy, self.unit)
         boxes = [
             (box.name, box.size, box.count, *(() if box.limits.is_empty else (box.limits,)))
             for box in self.boxes
