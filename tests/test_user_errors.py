@@ -34,7 +34,11 @@ WRONG = [
     ("verify packing.json --library everyday", "--library has no effect on packing.json"),
     ("verify list.json", "list.json: a packing must be a JSON object, not list"),
     ("verify manifest.csv", "manifest.csv is not a dataset"),
-    # pack and workbench
+    # pack, containers and workbench
+    ("containers all", "unexpected extra argument"),
+    ("pack good.off --container prusa-mk44 --out x", "not known: is it 'prusa-mk4'?"),
+    ("pack good.off --preset list.json --out x", "list.json: it has no object 'options'"),
+    ("pack good.off --preset absent.json --out x", "absent.json: No such file"),
     ("pack", "Missing argument"),
     ("pack good.off --out x", "there is no box: choose --box 300x200x150mm, or --container"),
     ("pack good.off --box 9x9 --out x", "'9x9' is not 3 lengths"),

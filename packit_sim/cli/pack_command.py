@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 import packit_sim
+from packit_sim.cli import option_presets
 from packit_sim.cli.options import (
     AddressOption,
     SearchBackendOption,
@@ -25,12 +26,13 @@ from packit_sim.core.length_units import Unit
 with lazy_imports():
     from packit_sim.cli import output, terminal
     from packit_sim.parts.reading import boxes as box_texts
-    from packit_sim.parts.reading import distances, limits, units
+    from packit_sim.parts.reading import distances, limits, named_containers, units
     from packit_sim.parts.reading import files as part_files
     from packit_sim.parts.results import check, record, summary
 
 
 def pack_command(
+    ctx: typer.Context,
     parts: Annotated[
         list[str],
         typer.Argument(
@@ -49,7 +51,8 @@ def pack_command(
     container: Annotated[
         list[str] | None,
         typer.Option(
-            help="Another container: cylinder:220x300mm (diameter x height), or a closed mesh file."
+            help="Another container: cylinder:220x300mm (diameter x height), a closed mesh file, "
+            "or a name that `packit containers` lists."
         ),
     ] = None,
     objective: Annotated[
@@ -155,6 +158,17 @@ def pack_command(
     workers: WorkersOption = 0,
     backend: SearchBackendOption = "threads",
     address: AddressOption = None,
+    preset: Annotated[
+        Path | None,
+        typer.Option(
+            is_eager=True,
+            callback=option_presets.use_preset,
+            help="File of --save-preset: its options count where they are not given here.",
+        ),
+    ] = None,
+    save_preset: Annotated[
+        Path | None, typer.Option(help="File to keep these options in, for --preset.")
+    ] = None,
 ) -> None:
     """Pack your own parts into boxes, at their real sizes.
 
@@ -173,12 +187,14 @@ def pack_command(
 
     Example: packit pack parts/*.stl --container cylinder:220x300mm --out packed
 
+    Example: packit pack parts/*.stl --container hp-jet-fusion-5200 --clearance 2mm --out packed
+
     Example: packit pack parts.csv --objective boxes --box 300x200x150mm --time 60s -o packed
     """
     boxes_asked = [*(box or ()), *(container or ())]
     if not boxes_asked:
         raise ArgumentError("there is no box: choose --box 300x200x150mm, or --container")
-    length: Unit = box_texts.box_unit(boxes_asked) or unit
+    length: Unit = box_texts.box_unit(named_containers.without_names(boxes_asked)[0]) or unit
     settings = packit_sim.PackSettings(
         clearance=units.lengths(clearance, 1, length)[0],
         clearance_z=None if clearance_z is None else units.lengths(clearance_z, 1, length)[0],
@@ -199,6 +215,8 @@ def pack_command(
         iterations=iterations,
         limits=limits.read_limits(max_mass or (), max_parts or ()),
     )
+    if save_preset is not None:
+        option_presets.save_preset(ctx, save_preset)
     with stoppable(RESUMABLE), terminal.progress_bars() as progress:
         output.prepare_folder(out / "packing.json")
         bar = progress.add_task("reading", total=None, note="")
