@@ -36,6 +36,8 @@ WRONG = [
     ("verify manifest.csv", "manifest.csv is not a dataset"),
     # pack, containers and workbench
     ("containers all", "unexpected extra argument"),
+    ("pack good.off --box 9x9x9 --out x --groups mixed", "'mixed'"),
+    ("pack good.off --box 9x9x9 --out x --groups kit", "rules of groups need parts with a group"),
     ("pack good.off --container prusa-mk44 --out x", "not known: is it 'prusa-mk4'?"),
     ("pack good.off --preset list.json --out x", "list.json: it has no object 'options'"),
     ("pack good.off --preset absent.json --out x", "absent.json: No such file"),

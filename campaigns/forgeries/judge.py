@@ -43,10 +43,10 @@ SETS: Mapping[str, Floats] = {
 }
 """The sets of rotations of the cases; the only other one is `free`."""
 
-UNDECIDED = ("value", "priority", "no stack", "max load", "deviation")
+UNDECIDED = ("value", "priority", "no stack", "max load", "deviation", "group")
 """Fields of a requested part that the judge does not understand."""
 
-SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints", "separable")
+SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints", "separable", "groups")
 """The same of the request."""
 
 DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
@@ -119,7 +119,7 @@ class Judge:
         return record
 
     def _record(self, record: Mapping[str, Any]) -> None:
-        request = {"separable": False} | record["request"]  # earlier versions did not record it
+        request = {"separable": False, "groups": []} | record["request"]  # once not recorded
         require(as_number(request["clearance"]) >= 0, "clearance")
         as_walls(request["wall clearance"])
         for name in ("unit", "objective", "clearance", "wall clearance"):
@@ -167,7 +167,7 @@ class Judge:
             require(part["mesh"] is None, f"the {key} of {part['name']!r:.40}")
             self.doubts.append(f"an unused {key}")
         for key in UNDECIDED:
-            if not is_same(part[key], known.get(part["name"], {}).get(key)):
+            if not is_same(part.get(key), known.get(part["name"], {}).get(key)):
                 self.doubts.append(f"another {key}")
 
     def _own(self, item: Mapping[str, Any], part: Mapping[str, Any]) -> None:

@@ -30,10 +30,11 @@ TYPES: Mapping[str, tuple[type, ...]] = {
     "deviation": (float,),
     "as many as fit": (bool,),
     "clearance": (float, NoneType),
+    "group": (str, NoneType),
 }
 """The types of the fields of a requested part; an integer is a float, too."""
 
-ABSENT: Mapping[str, Any] = {"as many as fit": False, "clearance": None}
+ABSENT: Mapping[str, Any] = {"as many as fit": False, "clearance": None, "group": None}
 """Fields of a requested part that earlier versions did not write, with what that means."""
 
 RANGES: Mapping[str, tuple[float, float]] = {

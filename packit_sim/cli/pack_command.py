@@ -111,6 +111,13 @@ def pack_command(
         list[str] | None,
         typer.Option(help="Most parts in a box, such as 12; A:12 for boxes A."),
     ] = None,
+    groups: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Rule for the groups of a manifest: together (each in one box), apart (never two "
+            "in one box), kit (whole in one box, or not at all)."
+        ),
+    ] = None,
     unit: Annotated[
         Unit, typer.Option(help="Unit of files without one, such as STL, and of plain numbers.")
     ] = "mm",
@@ -178,8 +185,8 @@ def pack_command(
     reading, and as far as possible the check and all files.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
-    no_stack (yes: nothing may rest on it), max_load (g), clearance, unit and name. Parts of a
-    higher priority are packed first. Parts that break a constraint are left out, with the reason.
+    no_stack (yes: nothing may rest on it), max_load (g), clearance, group, unit and name. Parts of
+    a higher priority are packed first. Parts that break a constraint are left out, with the reason.
 
     Example: packit pack parts/*.stl --box 300x200x150mm --out packed
 
@@ -214,6 +221,7 @@ def pack_command(
         address=address,
         iterations=iterations,
         limits=limits.read_limits(max_mass or (), max_parts or ()),
+        groups=groups or (),
     )
     if save_preset is not None:
         option_presets.save_preset(ctx, save_preset)

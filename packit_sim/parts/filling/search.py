@@ -17,6 +17,7 @@ import numpy as np
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.candidates import candidate
+from packit_sim.parts.filling.grouped_filling import GroupedFilling
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.shelves import shelved
 from packit_sim.parts.filling.stretching import StretchedTypes
@@ -126,21 +127,28 @@ class PackingSearch:
 
     def _shelves(self, counts: Mapping[int, int]) -> PackedParts:
         """Fill box after box by shelves, as far as that is valid."""
-        task, left = self._task, dict(counts)
+        left = dict(counts)
         found: list[Packing] = []
         for box in self._boxes_by_size:
             stock = math.inf if box.count is None else box.count
-            while left and stock > 0 and not self._bodies(box):
-                placements = shelved(task, self._allowed(box, left), box.size)
-                packing = task.packing(task.container(box), placements)
-                if not placements or packing.problems():
+            while left and stock > 0:
+                packing = self._shelved(box, left)
+                if packing is None:
                     break
                 found.append(packing)
                 stock -= 1
-                for n, k in Counter(one.type for one in placements).items():
+                for n, k in Counter(one.type for one in packing.placements).items():
                     left[n] -= k
                 left = {n: k for n, k in left.items() if k > 0}
         return self._candidate(found)
+
+    def _shelved(self, box: BoxType, counts: Mapping[int, int]) -> Packing | None:
+        """Fill a box by shelves, if that is valid."""
+        if self._bodies(box):
+            return None
+        placements = shelved(self._task, self._allowed(box, counts), box.size)
+        packing = self._task.packing(self._task.container(box), placements)
+        return None if not placements or packing.problems() else packing
 
     def _is_best(self, packed: PackedParts, counts: Mapping[int, int]) -> bool:
         """Return whether all parts are packed, and in as few boxes as their volume allows."""
@@ -180,6 +188,7 @@ class PackingSearch:
     def _nest_all(self, counts: Mapping[int, int]) -> None:
         objective, first = self._task.objective, self._task.boxes[0]
         is_plain = not any(self._bodies(b) or not b.limits.is_empty for b in self._task.boxes)
+        is_plain = is_plain and not self._task.settings.groups
         may_be_together = objective == "boxes" and is_plain and self._task.stretch == 1
         if may_be_together and self._can_all_fit(counts):
             self._fill_together(counts)
@@ -203,34 +212,97 @@ class PackingSearch:
                 break
             stock[box] -= 1
             own = {n: k for n, k in left.items() if self._fits(n, box, margin)}
-            found = self._fill(box, own, full, self._seconds(own, box, sum(stock.values())))
+            more = sum(stock.values())
+            found = self._fill_by_rules(box, own, full, self._seconds(own, box, more), more == 0)
             if found is None:
                 break
             full.append(found)
             for n, k in Counter(one.type for one in found.placements).items():
                 left[n] -= k
-            left = {n: k for n, k in left.items() if k > 0}
+            left = self._not_begun({n: k for n, k in left.items() if k > 0}, found)
             if self._stopped.is_set():
                 break
         return left
 
-    def _fill(
-        self, box: BoxType, counts: Mapping[int, int], full: list[Packing], seconds: float
+    def _not_begun(self, left: dict[int, int], packing: Packing) -> dict[int, int]:
+        """Return the parts that may be in a box after one: not of groups that share that one."""
+        if not {"together", "kit"} & set(self._task.settings.groups):
+            return left
+        parts = [each.part for each in self._task.parts]
+        begun = {parts[one.type].group for one in packing.placements} - {None}
+        return {n: k for n, k in left.items() if parts[n].group not in begun}
+
+    def _fill_by_rules(
+        self,
+        box: BoxType,
+        counts: Mapping[int, int],
+        full: list[Packing],
+        seconds: float,
+        is_last: bool,
     ) -> Packing | None:
-        """Fill one box; return its best contents, or None if nothing goes in."""
+        """Fill one box as the rules of groups allow; return its contents, or None."""
+        if not self._task.settings.groups:
+            return self._fill(box, counts, full, seconds)[0]
+
+        end = clock.perf_counter() + seconds
+
+        def fill(
+            some: Mapping[int, int], share: float, start: Packing | None
+        ) -> tuple[Packing | None, Counter[int]]:
+            if not some or self._stopped.is_set():
+                return None, Counter()
+            shelves = self._shelved(box, some)
+            quick = self._candidate([*full, *([shelves] if shelves else [])])
+            self._offer(quick)
+            if quick.count == sum(some.values()) + sum(len(each.placements) for each in full):
+                return quick.packings[-1], Counter(some)
+            found, most = self._fill(box, some, full, (end - clock.perf_counter()) * share, start)
+            own = quick.packings[len(full) :]
+            best = max((*own, *([found] if found else [])), key=self._weight, default=None)
+            return best, most
+
+        return GroupedFilling(self._task, box, counts, fill, is_last).run()
+
+    def _fill(
+        self,
+        box: BoxType,
+        counts: Mapping[int, int],
+        full: list[Packing],
+        seconds: float,
+        start: Packing | None = None,
+    ) -> tuple[Packing | None, Counter[int]]:
+        """Fill one box.
+
+        Parameters
+        ----------
+        full : list of Packing
+            The boxes before it.
+        start : Packing, optional
+            The contents to begin with.
+
+        Returns
+        -------
+        Packing or None
+            Its best contents, or None if nothing goes in.
+        Counter
+            How many of each part were in the fullest contents, which may break a rule.
+        """
         best: PackedParts | None = None
+        most = Counter[int]()
         total = sum(counts.values()) + sum(len(each.placements) for each in full)
 
         def better(packing: Packing) -> None:
-            nonlocal best
+            nonlocal best, most
             if packing.placements:
+                own = Counter(one.type for one in packing.placements)
+                most = max(most, own, key=Counter.total)
                 found = self._candidate([*full, *self._in_boxes(packing, box)])
                 if best is None or found.score > best.score:
                     best = found
                 self._offer(found)
 
         end = clock.perf_counter() + seconds
-        start = self._earlier(box, len(full))
+        start = start or self._earlier(box, len(full))
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
             seed = self._seed + _NEXT_SEED * number
@@ -243,8 +315,8 @@ class PackingSearch:
             if is_over or is_all or not self._task.is_constrained:
                 break
         if best is None or len(best.packings) <= len(full):
-            return None
-        return best.packings[-1]
+            return None, most
+        return best.packings[-1], most
 
     def _fill_together(self, counts: Mapping[int, int]) -> None:
         """Search for the fewest boxes, of one size or of several that there are enough of."""
@@ -449,6 +521,8 @@ class PackingSearch:
         volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
         space = min(self._inner(box).volume, box.container.volume)
         needed = math.ceil(volume / (_FULL * space))
+        if "apart" in self._task.settings.groups:
+            needed = max(needed, len({self._task.parts[n].part.group for n in counts}))
         return self._left / max(1, min(needed, more + 1))
 
     @property

@@ -17,9 +17,17 @@ from packit_sim.core.choices import Goal, SearchBackend
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.parallel import check_search_workers
+from packit_sim.core.sums import plain_sum
+from packit_sim.parts.filling.groups import GROUP_RULES
 from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
 from packit_sim.parts.packings import checked_items
-from packit_sim.parts.packings.bounds import COUNTS, DISTANCES, ITERATIONS, LENGTHS
+from packit_sim.parts.packings.bounds import (
+    COUNTS,
+    DISTANCES,
+    ITERATIONS,
+    LENGTHS,
+    SUM_ROUNDING,
+)
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.containers import Container
@@ -32,7 +40,7 @@ from packit_sim.parts.reading.files import ReadSettings, UnreadFile
 from packit_sim.parts.reading.limits import NO_LIMITS, Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
-from packit_sim.parts.reading.sizes import too_large
+from packit_sim.parts.reading.sizes import fits, too_large
 from packit_sim.parts.reading.units import check_unit
 
 GOALS: tuple[Goal, ...] = get_args(Goal)
@@ -91,6 +99,9 @@ class PackSettings:
     clearance_z : float, optional
         Smallest distance of two parts of which one is straight above the other; by default the
         same as `clearance`. Between, an ellipsoid with these half axes decides (see Notes).
+    groups : sequence of str
+        Rules for the parts of each group: "together": all that are packed share a box; "kit": they
+        are packed whole, into one box, or not at all; "apart": no box has parts of two groups.
 
     Raises
     ------
@@ -137,6 +148,7 @@ class PackSettings:
     separable: bool = False
     limits: Limits | Mapping[str, Limits] = NO_LIMITS
     clearance_z: float | None = None
+    groups: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
@@ -152,6 +164,9 @@ class PackSettings:
                 check_range(name, as_integer(name, value), valid)
         if self.unit is not None:
             check_unit(self.unit)
+        for rule in self.groups:
+            known = f"choose from {', '.join(GROUP_RULES)}"
+            check_range("rule of groups", rule, (rule in GROUP_RULES, known))
         check_search_workers(self.workers, self.backend, self.address)
 
 
@@ -226,6 +241,8 @@ class PackTask:
             self._check_masses("limits on the mass in a box")
         for box in self.boxes:
             self.constraints.check_container(box.container)
+        if self.settings.groups:
+            self._check_groups()
 
     @property
     def unit(self) -> Unit:
@@ -297,6 +314,47 @@ class PackTask:
             fixed=frozenset(range(len(self.fixed))),
             metres=centimetres / 100,
         )
+
+    def _check_groups(self) -> None:
+        """Raise ArgumentError if the rules of groups are not possible."""
+        if not self.groups:
+            raise ArgumentError(
+                "rules of groups need parts with a group: a manifest has the field 'group'"
+            )
+        if "kit" not in self.settings.groups:
+            return
+        for group, numbers in self.groups.items():
+            for n in numbers:
+                if self.parts[n].part.as_many_as_fit:
+                    name = self.parts[n].part.name
+                    raise ArgumentError(f"the kit {group!r} needs a number of {name!r}, not max")
+                if n in self.too_large:
+                    name, why = self.parts[n].part.name, self.too_large[n]
+                    raise ArgumentError(f"the kit {group!r} fits into no box: {name} of {why}")
+            if not any(self.may_hold(box, numbers) for box in self.boxes):
+                count = sum(self.parts[n].part.count for n in numbers)
+                raise ArgumentError(
+                    f"the kit {group!r} fits into no box: its {count} parts are too many or too "
+                    "large together"
+                )
+
+    @cached_property
+    def groups(self) -> dict[str, list[int]]:
+        """The numbers of the parts of each group."""
+        found: dict[str, list[int]] = {}
+        for n, each in enumerate(self.parts):
+            if each.part.group is not None:
+                found.setdefault(each.part.group, []).append(n)
+        return found
+
+    def may_hold(self, box: BoxType, numbers: Sequence[int]) -> bool:
+        """Return whether a box may hold all of some parts, by their volumes and its limits."""
+        parts = [self.parts[n] for n in numbers]
+        volume = plain_sum(each.volume * each.part.count for each in parts)
+        masses = [each.mass for each in parts for _ in range(each.part.count)]
+        limits = box.limits.faults(masses)
+        is_small = volume <= box.container.volume * (1 + SUM_ROUNDING)
+        return is_small and not limits and all(fits(each, box, self.margin) for each in parts)
 
     def _check_masses(self, what: str) -> None:
         """Raise ArgumentError if something needs masses that are not known."""
@@ -409,6 +467,7 @@ class PackTask:
         numbers: tuple[object, ...] = (settings.clearance, settings.wall_clearance)
         numbers += () if settings.clearance_z is None else (settings.clearance_z,)
         numbers += (settings.accuracy, self.unit)
+        numbers += (sorted(settings.groups),) if settings.groups else ()
         boxes = [
             (box.name, box.size, box.count, *(() if box.limits.is_empty else (box.limits,)))
             for box in self.boxes

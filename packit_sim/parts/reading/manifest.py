@@ -69,6 +69,7 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
     "max_load": float,
     "unit": check_unit,
     "clearance": _length,
+    "group": str,
 }
 """The fields of a part."""
 

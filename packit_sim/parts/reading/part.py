@@ -111,6 +111,8 @@ class Part:
         tessellations of CAD files.
     clearance : float, optional
         The smallest distance to other parts, if it is larger than that of all, in the mesh's unit.
+    group : str, optional
+        The group of parts that it belongs to, such as an order or a material.
 
     Raises
     ------
@@ -149,9 +151,12 @@ class Part:
     deviation: float = 0.0
     as_many_as_fit: bool = False
     clearance: float | None = None
+    group: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", plain_line(self.name))
+        if self.group is not None:
+            object.__setattr__(self, "group", plain_line(self.group) or None)
         where = f"part {self.name!r}:"
         count = as_integer(f"{where} count", self.count)
         check_range(f"{where} count", count, COUNTS)
@@ -202,6 +207,8 @@ class Part:
             sha.update(b"as many as fit")
         if self.clearance is not None:
             sha.update(repr(("clearance", self.clearance)).encode())
+        if self.group is not None:
+            sha.update(repr(("group", self.group)).encode())
         return sha.hexdigest()
 
     @property

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct, to_builtins
 
-from packit_sim.core.choices import Goal
+from packit_sim.core.choices import Goal, GroupRule
 from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.mesh_files import read
@@ -44,6 +44,8 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
         Whether the count is only the most of it.
     clearance : float, optional
         Its own smallest distance to others, in the file's unit.
+    group : str, optional
+        The group that it belongs to.
     """
 
     name: str
@@ -62,6 +64,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
     deviation: float
     as_many_as_fit: bool = False  # earlier versions had no such parts
     clearance: Annotated[float, Meta(ge=0)] | None = None  # nor this
+    group: str | None = None  # nor this
 
     def part(self, folder: Path, unit: Unit, copies: FileCopies) -> Part:
         """Read the part.
@@ -105,6 +108,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
             copy=copy,
             as_many_as_fit=self.as_many_as_fit,
             clearance=self.clearance,
+            group=self.group,
         )
 
 
@@ -168,6 +172,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     constraints: tuple[str, ...]
     separable: bool = False  # earlier versions did not record it
     clearance_z: float | None = None  # nor this
+    groups: tuple[GroupRule, ...] = ()  # nor this
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
@@ -175,7 +180,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
         Returns
         -------
         PackTask
-            The task; its objective is "volume", since the parts that decide may be left out.
+            The task; its objective is "volume" and it has no rules of groups, since the parts that
+            decide may be left out.
 
         Raises
         ------
@@ -243,6 +249,7 @@ def request(
         tuple(repr(each) for each in settings.constraints),
         settings.separable,
         settings.clearance_z,
+        tuple(settings.groups),  # type: ignore[arg-type]
     )
     built: dict[str, Any] = to_builtins(found)
     return built
@@ -276,4 +283,5 @@ def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str
         part.deviation,
         part.as_many_as_fit,
         part.clearance,
+        part.group,
     )

@@ -20,6 +20,7 @@ from packit_sim.core.errors import MeshError, PackFormatError, PackItError, loca
 from packit_sim.core.files import digest_of
 from packit_sim.core.plain_text import listed
 from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.filling.groups import group_faults
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
@@ -217,6 +218,7 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     for number, packing in enumerate(packings, start=1):
         broken = task.limits(packing).faults(task.masses_in(packing))
         found += [f"box {number} {fault}" for fault in broken]
+    found += _groups(record)
     constraints = replace(task.constraints, stable=None)
     if not constraints.is_empty:
         for contents in packed.contents:
@@ -305,6 +307,17 @@ def _counts(record: _Record) -> Iterator[str]:
             )
     if strange := [name for name in left if name not in dict(asked)]:
         yield f"{strange[0]!r} is left out, but was not asked for"
+
+
+def _groups(record: _Record) -> list[str]:
+    """Compare the boxes with the rules of groups."""
+    parts = record.request.parts
+    boxes = [Counter[str]() for _ in record.box_names]
+    for item in record.items:
+        boxes[item.box][item.name] += 1
+    groups = {each.name: each.group for each in parts}
+    asked = {each.name: each.count for each in parts}
+    return group_faults(record.request.groups, groups, asked, boxes)
 
 
 def _masses(record: _Record, task: PackTask) -> Iterator[str]:
