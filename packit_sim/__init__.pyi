@@ -38,6 +38,8 @@ from .game.generation.task_sampler import TaskSampler as TaskSampler
 from .geometry.shapes import Item as Item
 from .geometry.shapes import Shape as Shape
 from .libraries.library import ShapeLibrary as ShapeLibrary
+from .parts.filling.fitting import FittedPart as FittedPart
+from .parts.filling.fitting import fit as fit
 from .parts.filling.packed import PackedParts as PackedParts
 from .parts.filling.task import PackSettings as PackSettings
 from .parts.nesting.nest import NestSettings as NestSettings

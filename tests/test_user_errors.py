@@ -35,6 +35,9 @@ WRONG = [
     ("verify list.json", "list.json: a packing must be a JSON object, not list"),
     ("verify manifest.csv", "manifest.csv is not a dataset"),
     # pack, containers and workbench
+    ("fit good.off", "one container is needed"),
+    ("fit absent.stl --box 9x9x9", "absent.stl: there is no such file"),
+    ("fit good.off --box 2x2x2 --wall-clearance 1mm", "leave no space in it"),
     ("containers all", "unexpected extra argument"),
     ("pack good.off --box 9x9x9 --out x --groups mixed", "'mixed'"),
     ("pack good.off --box 9x9x9 --out x --groups kit", "rules of groups need parts with a group"),

@@ -31,6 +31,7 @@ COMMANDS: dict[str, dict[str, str]] = {
     PACK: {
         "pack": "pack_command",
         "workbench": "viewer_commands",
+        "fit": "fit_command",
         "containers": "containers_command",
         "nest": "nest_command",
     },

@@ -68,12 +68,10 @@ def surplus(
     boxes: Contents,
     weight: Callable[[str], float],
 ) -> list[tuple[int, str, str]]:
-    """Choose what to take out of boxes until they keep the rules.
+    """Choose what to take out of boxes until they keep the rules, which are as in `group_faults`.
 
     Parameters
     ----------
-    rules, groups, asked, boxes
-        As for `group_faults`.
     weight : callable
         The worth of one of a part, by its name: the more valuable groups stay.
 
