@@ -38,6 +38,8 @@ from .game.generation.task_sampler import TaskSampler as TaskSampler
 from .geometry.shapes import Item as Item
 from .geometry.shapes import Shape as Shape
 from .libraries.library import ShapeLibrary as ShapeLibrary
+from .parts.filling.fitting import FittedPart as FittedPart
+from .parts.filling.fitting import fit as fit
 from .parts.filling.packed import PackedParts as PackedParts
 from .parts.filling.task import PackSettings as PackSettings
 from .parts.nesting.nest import NestSettings as NestSettings
@@ -45,6 +47,7 @@ from .parts.nesting.nest import nest as nest
 from .parts.pack import pack as pack
 from .parts.packings.containers import BoxContainer as BoxContainer
 from .parts.packings.cylinders import CylinderContainer as CylinderContainer
+from .parts.packings.distances import WallClearance as WallClearance
 from .parts.packings.item_types import ItemType as ItemType
 from .parts.packings.mesh_containers import MeshContainer as MeshContainer
 from .parts.packings.packing import Packing as Packing

@@ -56,7 +56,7 @@ def test_a_set_of_rotations_holds_each_once(name, count) -> None:
 
 @pytest.mark.parametrize("name", ["", "yaw", "yaw-0", "axis-361", "axis--4", "cube-4", "Fixed", 4])
 def test_unknown_rotations_are_refused(name) -> None:
-    with pytest.raises(ArgumentError, match=r"choose from fixed, yaw-N, axis-N .*1 to 360.*, free"):
+    with pytest.raises(ArgumentError, match=r"choose from fixed, yaw-N, flip-N, axis-N .*1 to 360"):
         kind(rotations=name)
     with pytest.raises(ArgumentError, match="choose from fixed"):
         matrices(name)

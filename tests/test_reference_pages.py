@@ -39,7 +39,7 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.parts import export
 from packit_sim.parts.packings import instances, packing_files
-from packit_sim.parts.reading import manifest
+from packit_sim.parts.reading import manifest, named_containers
 from packit_sim.parts.results import request
 from packit_sim.physics.quality import QualityScores
 from packit_sim.rules import End
@@ -73,6 +73,7 @@ STORED: dict[str, tuple[type, dict[str, str]]] = {
     "Request": (request.Request, {}),
     "RequestedPart": (request.RequestedPart, {}),
     "RequestedBox": (request.RequestedBox, {}),
+    "_Entry": (named_containers._Entry, {}),
     "_Catalogue": (stored._Catalogue, {"format": "first"}),
     "ShapeInfo": (ShapeInfo, {}),
     "QuantizedMesh": (QuantizedMesh, {}),

@@ -25,6 +25,7 @@ from campaigns.forgeries.values import (
     as_matrix,
     as_number,
     as_text,
+    as_walls,
     check_types,
     is_same,
     out_of_range,
@@ -42,10 +43,10 @@ SETS: Mapping[str, Floats] = {
 }
 """The sets of rotations of the cases; the only other one is `free`."""
 
-UNDECIDED = ("value", "priority", "no stack", "max load", "deviation")
+UNDECIDED = ("value", "priority", "no stack", "max load", "deviation", "group")
 """Fields of a requested part that the judge does not understand."""
 
-SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints", "separable")
+SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints", "separable", "groups")
 """The same of the request."""
 
 DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
@@ -118,11 +119,18 @@ class Judge:
         return record
 
     def _record(self, record: Mapping[str, Any]) -> None:
-        request = {"separable": False} | record["request"]  # earlier versions did not record it
+        request = {"separable": False, "groups": []} | record["request"]  # once not recorded
         require(as_number(request["clearance"]) >= 0, "clearance")
-        require(as_number(request["wall clearance"]) >= 0, "wall clearance")
+        as_walls(request["wall clearance"])
         for name in ("unit", "objective", "clearance", "wall clearance"):
             require(is_same(record[name], request[name]), name)
+        stated, along_z = record.get("clearance z"), request.get("clearance z")
+        require(is_same(stated, along_z), "the clearance along z")
+        if along_z is not None and as_number(along_z) != request["clearance"]:
+            across = as_number(request["clearance"])
+            possible = along_z > 0 and 0.05 <= across / along_z <= 20
+            require(possible, "the clearance along z")
+            self.doubts.append("a clearance along z")
         require(request["unit"] in UNITS, "unit")
         asked = self.honest["request"]
         for name in ("objective", *SETTINGS):
@@ -147,6 +155,7 @@ class Judge:
         for item in record["items"]:
             require(item["name"] in parts, f"nobody asked for {item['name']!r}")
             require(as_text(item["mesh"]) == parts[item["name"]]["mesh"], "another mesh")
+            self._own(item, parts[item["name"]])
             items.append((item["name"], as_integer(item["box"]), as_matrix(item["pose"])))
         self.places(request, items, record["box names"], meshes)
         self._told(record, request, items, meshes)
@@ -158,8 +167,15 @@ class Judge:
             require(part["mesh"] is None, f"the {key} of {part['name']!r:.40}")
             self.doubts.append(f"an unused {key}")
         for key in UNDECIDED:
-            if not is_same(part[key], known.get(part["name"], {}).get(key)):
+            if not is_same(part.get(key), known.get(part["name"], {}).get(key)):
                 self.doubts.append(f"another {key}")
+
+    def _own(self, item: Mapping[str, Any], part: Mapping[str, Any]) -> None:
+        """Compare the clearance of its own of an item with that of its part."""
+        stated, asked = item.get("clearance"), _own_clearance(part)
+        require((stated is None) == (part.get("clearance") is None), "a clearance of its own")
+        wrong = abs(as_number(stated or 0.0) - asked)
+        self._at_most(wrong, 1e-12 * asked, 1e-8 * asked, "a clearance of its own")
 
     def _boxes(self, record: Mapping[str, Any], request: Mapping[str, Any]) -> None:
         sizes = {box["name"]: box for box in request["boxes"]}
@@ -245,6 +261,7 @@ class Judge:
                 *(part["name"], part["mesh"], is_part),
             )
             require(same and isinstance(stated["is part"], bool), "an obstacle")
+            self._own(stated, part)
             place = np.zeros((4, 4))
             place[:3, :3] = part["scale"] * UPS[part["up"]]
             place[3, 3] = 1
@@ -270,25 +287,30 @@ class Judge:
         """
         parts = {each["name"]: each for each in request["parts"]}
         sizes = {box["name"]: np.array(box["size"], float) for box in request["boxes"]}
-        clearance, walls = request["clearance"], request["wall clearance"]
+        walls = as_walls(request["wall clearance"])
         placed: list[tuple[int, Body]] = []
+        own: dict[Body, float] = {}
         for name, box, pose in items:
             require(0 <= box < len(box_names) and name in meshes, f"the box of {name!r}")
             self._turn(parts[name], pose)
             body, size = meshes[name].moved(pose), sizes[box_names[box]]
             self._inside(body, size, walls)
             placed.append((box, body))
-        around = [
-            self.mesh(part).moved(_upright(part))
-            for part in (*request["keep out"], *request["fixed"])
-        ]
-        self._apart(placed, [sizes[name] for name in box_names], clearance, around)
+            own[body] = _own_clearance(parts[name])
+        around = []
+        for part in (*request["keep out"], *request["fixed"]):
+            around.append(self.mesh(part).moved(_upright(part)))
+            own[around[-1]] = _own_clearance(part)
+        boxes = [sizes[name] for name in box_names]
+        self._apart(placed, boxes, request["clearance"], around, own)
 
-    def _inside(self, body: Body, size: Floats, walls: float) -> None:
-        depth = float(np.maximum(walls - body.low, body.high - (size - walls)).max())
+    def _inside(self, body: Body, size: Floats, walls: tuple[Floats, Floats]) -> None:
         longest = float(size.max())
-        slack = _tolerance(longest, body) if walls == 0 else 1e-7 * longest
-        self._at_most(depth, slack, 3 * slack + 2e-6 * longest, "in the walls")
+        for wall, depths in ((walls[0], -body.low), (walls[1], body.high - size)):
+            for asked, depth in zip(wall.tolist(), depths.tolist(), strict=True):
+                slack = _tolerance(longest, body) if asked == 0 else 1e-7 * longest
+                most = 3 * slack + 2e-6 * longest
+                self._at_most(depth + asked, slack, most, "in the walls")
 
     def _apart(
         self,
@@ -296,12 +318,17 @@ class Judge:
         sizes: Sequence[Floats],
         clearance: float,
         around: Sequence[Body],
+        own: Mapping[Body, float],
     ) -> None:
-        """Judge bodies, each in a box, and obstacles in all boxes."""
+        """Judge bodies, each in a box, and obstacles in all boxes.
+
+        Some have clearances of their own.
+        """
         for n, (box, body) in enumerate(placed):
             longest = float(sizes[box].max())
             for other in (*(one for own, one in placed[:n] if own == box), *around):
-                self._between(body, other, clearance, longest)
+                largest = max(clearance, own[body], own[other])
+                self._between(body, other, largest, longest)
 
     def counts(
         self, request: Mapping[str, Any], names: Sequence[str], box_names: Sequence[str]
@@ -462,6 +489,7 @@ class Judge:
         self._forms(record)
         require(clearance >= 0 and all((size > 0).all() for size in sizes), "a length")
         bodies: dict[bool, list[tuple[int, Body]]] = {False: [], True: []}
+        own: dict[Body, float] = {}
         for is_item, group in ((True, record["items"]), (False, record["obstacles"])):
             for each in group:
                 pose, box = as_matrix(each["pose"]), as_integer(each["box"]) if is_item else 0
@@ -472,12 +500,17 @@ class Judge:
                 self._at_most(skew, 3e-7, 1e-5, "sheared")
                 path = self.folder / as_text(each["mesh"])
                 self._in_folder(path)
-                bodies[is_item].append((box, read_obj(path.read_text()).moved(pose)))
+                body = read_obj(path.read_text()).moved(pose)
+                bodies[is_item].append((box, body))
+                own[body] = as_number(each.get("clearance") or 0.0)
+                require(own[body] >= 0, "a clearance of its own")
         for box, body in bodies[True]:
             require(0 <= box < len(sizes), "a box")
-            self._inside(body, sizes[box], 0.0)
+            self._inside(body, sizes[box], as_walls(0.0))
         self.doubts += [] if bodies[True] else ["no items"]
-        self._apart(bodies[True], sizes, clearance, [body for _, body in bodies[False]])
+        self.doubts += ["a clearance along z"] if record.get("clearance z") is not None else []
+        around = [body for _, body in bodies[False]]
+        self._apart(bodies[True], sizes, clearance, around, own)
 
     def _in_folder(self, path: Path) -> None:
         self._leads_inside(path)
@@ -494,6 +527,10 @@ class Judge:
 
 def _tolerance(longest: float, body: Body) -> float:
     return min(1e-4 * longest, 1e-3 * float((body.high - body.low).max()))
+
+
+def _own_clearance(part: Mapping[str, Any]) -> float:
+    return float(part.get("clearance") or 0.0) * float(part["scale"])
 
 
 def _upright(part: Mapping[str, Any]) -> Floats:

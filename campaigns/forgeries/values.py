@@ -29,10 +29,12 @@ TYPES: Mapping[str, tuple[type, ...]] = {
     "max load": (float, NoneType),
     "deviation": (float,),
     "as many as fit": (bool,),
+    "clearance": (float, NoneType),
+    "group": (str, NoneType),
 }
 """The types of the fields of a requested part; an integer is a float, too."""
 
-ABSENT: Mapping[str, Any] = {"as many as fit": False}
+ABSENT: Mapping[str, Any] = {"as many as fit": False, "clearance": None, "group": None}
 """Fields of a requested part that earlier versions did not write, with what that means."""
 
 RANGES: Mapping[str, tuple[float, float]] = {
@@ -43,6 +45,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "density": (1e-9, 1e6),
     "max load": (0, 1e12),
     "deviation": (0, 1e30),
+    "clearance": (0, 1e30),
 }
 
 UPS: Mapping[str, Floats] = {
@@ -75,7 +78,8 @@ def out_of_range(part: Mapping[str, Any]) -> list[str]:
     """List the fields of a requested part that have a value that is not possible."""
     found = [] if part["up"] in UPS else ["up"]
     for key, (low, high) in RANGES.items():
-        found += [] if part[key] is None or low <= part[key] <= high else [key]
+        value = part.get(key)
+        found += [] if value is None or low <= value <= high else [key]
     return found
 
 
@@ -84,6 +88,15 @@ def as_number(value: Any) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     require(is_number and abs(value) < 1e300, f"{value!r:.40}")
     return float(value)
+
+
+def as_walls(value: Any) -> tuple[Floats, Floats]:
+    """Return the distances (3,) from the walls at 0, and from the opposite ones."""
+    if not isinstance(value, dict):
+        value = {"sides": value, "floor": value, "top": value}
+    sides, floor, top = (as_number(value.get(name, 0.0)) for name in ("sides", "floor", "top"))
+    require(min(sides, floor, top) >= 0, "wall clearance")
+    return np.array((sides, sides, floor)), np.array((sides, sides, top))
 
 
 def as_integer(value: Any) -> int:

@@ -28,7 +28,13 @@ PACK, PLAY, BENCHMARK, LEARN, LOOK = "Pack", "Play", "Benchmark", "Learn", "Look
 INSTALLATION, OTHERS = "Installation", "Of other packages"
 
 COMMANDS: dict[str, dict[str, str]] = {
-    PACK: {"pack": "pack_command", "workbench": "viewer_commands", "nest": "nest_command"},
+    PACK: {
+        "pack": "pack_command",
+        "workbench": "viewer_commands",
+        "fit": "fit_command",
+        "containers": "containers_command",
+        "nest": "nest_command",
+    },
     PLAY: {
         "demo": "demo_command",
         "agents": "agent_commands",

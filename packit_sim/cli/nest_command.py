@@ -55,7 +55,7 @@ def nest_command(
     ],
     rotations: Annotated[
         str,
-        typer.Option(help="Rotations of the items: fixed, yaw-N, axis-N, cube or free."),
+        typer.Option(help="Rotations of the items: fixed, yaw-N, flip-N, axis-N, cube or free."),
     ] = "cube",
     time: TimeOption = "60",
     iterations: Annotated[

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 import packit_sim
+from packit_sim.cli import option_presets
 from packit_sim.cli.options import (
     AddressOption,
     SearchBackendOption,
@@ -25,12 +26,13 @@ from packit_sim.core.length_units import Unit
 with lazy_imports():
     from packit_sim.cli import output, terminal
     from packit_sim.parts.reading import boxes as box_texts
+    from packit_sim.parts.reading import distances, limits, named_containers, units
     from packit_sim.parts.reading import files as part_files
-    from packit_sim.parts.reading import limits, units
     from packit_sim.parts.results import check, record, summary
 
 
 def pack_command(
+    ctx: typer.Context,
     parts: Annotated[
         list[str],
         typer.Argument(
@@ -49,7 +51,8 @@ def pack_command(
     container: Annotated[
         list[str] | None,
         typer.Option(
-            help="Another container: cylinder:220x300mm (diameter x height), or a closed mesh file."
+            help="Another container: cylinder:220x300mm (diameter x height), a closed mesh file, "
+            "or a name that `packit containers` lists."
         ),
     ] = None,
     objective: Annotated[
@@ -59,10 +62,18 @@ def pack_command(
     clearance: Annotated[
         str, typer.Option(help="Smallest distance between two parts, such as 1mm.")
     ] = "0",
-    wall_clearance: Annotated[str, typer.Option(help="Smallest distance to the walls.")] = "0",
+    clearance_z: Annotated[
+        str | None, typer.Option(help="The same along z, if it is another one.")
+    ] = None,
+    wall_clearance: Annotated[
+        str,
+        typer.Option(help="Smallest distance to the walls; sides=5mm,floor=2mm,top=0 for each."),
+    ] = "0",
     rotations: Annotated[
         str,
-        typer.Option(help="Rotations of parts: fixed, upright, yaw-N, axis-N, cube or free."),
+        typer.Option(
+            help="Rotations of parts: fixed, upright, yaw-N, flip-N, axis-N, cube or free."
+        ),
     ] = "cube",
     keep_out: Annotated[
         list[str] | None,
@@ -99,6 +110,13 @@ def pack_command(
     max_parts: Annotated[
         list[str] | None,
         typer.Option(help="Most parts in a box, such as 12; A:12 for boxes A."),
+    ] = None,
+    groups: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Rule for the groups of a manifest: together (each in one box), apart (never two "
+            "in one box), kit (whole in one box, or not at all)."
+        ),
     ] = None,
     unit: Annotated[
         Unit, typer.Option(help="Unit of files without one, such as STL, and of plain numbers.")
@@ -147,6 +165,17 @@ def pack_command(
     workers: WorkersOption = 0,
     backend: SearchBackendOption = "threads",
     address: AddressOption = None,
+    preset: Annotated[
+        Path | None,
+        typer.Option(
+            is_eager=True,
+            callback=option_presets.use_preset,
+            help="File of --save-preset: its options count where they are not given here.",
+        ),
+    ] = None,
+    save_preset: Annotated[
+        Path | None, typer.Option(help="File to keep these options in, for --preset.")
+    ] = None,
 ) -> None:
     """Pack your own parts into boxes, at their real sizes.
 
@@ -156,8 +185,8 @@ def pack_command(
     reading, and as far as possible the check and all files.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
-    no_stack (yes: nothing may rest on it), max_load (g), unit and name. Parts of a higher priority
-    are packed first. Parts that break a constraint are left out, with the reason.
+    no_stack (yes: nothing may rest on it), max_load (g), clearance, group, unit and name. Parts of
+    a higher priority are packed first. Parts that break a constraint are left out, with the reason.
 
     Example: packit pack parts/*.stl --box 300x200x150mm --out packed
 
@@ -165,15 +194,18 @@ def pack_command(
 
     Example: packit pack parts/*.stl --container cylinder:220x300mm --out packed
 
+    Example: packit pack parts/*.stl --container hp-jet-fusion-5200 --clearance 2mm --out packed
+
     Example: packit pack parts.csv --objective boxes --box 300x200x150mm --time 60s -o packed
     """
     boxes_asked = [*(box or ()), *(container or ())]
     if not boxes_asked:
         raise ArgumentError("there is no box: choose --box 300x200x150mm, or --container")
-    length: Unit = box_texts.box_unit(boxes_asked) or unit
+    length: Unit = box_texts.box_unit(named_containers.without_names(boxes_asked)[0]) or unit
     settings = packit_sim.PackSettings(
         clearance=units.lengths(clearance, 1, length)[0],
-        wall_clearance=units.lengths(wall_clearance, 1, length)[0],
+        clearance_z=None if clearance_z is None else units.lengths(clearance_z, 1, length)[0],
+        wall_clearance=distances.read_wall_clearance(wall_clearance, length),
         accuracy=None if accuracy is None else units.lengths(accuracy, 1, length)[0],
         removable=removable,
         insertable=insertable == "top",
@@ -189,7 +221,10 @@ def pack_command(
         address=address,
         iterations=iterations,
         limits=limits.read_limits(max_mass or (), max_parts or ()),
+        groups=groups or (),
     )
+    if save_preset is not None:
+        option_presets.save_preset(ctx, save_preset)
     with stoppable(RESUMABLE), terminal.progress_bars() as progress:
         output.prepare_folder(out / "packing.json")
         bar = progress.add_task("reading", total=None, note="")

@@ -15,6 +15,7 @@ ColoringName = Literal["item", "category", "order", "share", "stability"]
 """What the colours of items mean."""
 
 Goal = Literal["volume", "count", "value", "height", "boxes"]
+GroupRule = Literal["together", "apart", "kit"]
 """Objectives: most volume, parts or value; or all parts, lowest or in the fewest boxes."""
 
 RotationSet = Literal["all", "yaw"]

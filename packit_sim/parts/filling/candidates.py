@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from packit_sim.parts.filling.groups import surplus
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
@@ -32,8 +34,19 @@ def candidate(task: PackTask, packings: Sequence[Packing], searches: int = 1) ->
     PackedParts
         The boxes that still have parts.
     """
-    kept: list[Packing] = []
     rejected: list[tuple[int, str]] = []
+    while True:
+        kept = _within_constraints(task, packings, rejected)
+        packings = _in_groups(task, kept, rejected)
+        if packings == kept or not task.is_constrained:
+            return PackedParts(task, tuple(packings), tuple(rejected), searches)
+
+
+def _within_constraints(
+    task: PackTask, packings: Sequence[Packing], rejected: list[tuple[int, str]]
+) -> list[Packing]:
+    """Leave parts out of each packing until it keeps limits and constraints; note them."""
+    kept: list[Packing] = []
     for packing in packings:
         while reasons := _reasons(task, packing):
             rejected += [(packing.placements[n].type, reasons[n]) for n in sorted(reasons)]
@@ -41,7 +54,29 @@ def candidate(task: PackTask, packings: Sequence[Packing], searches: int = 1) ->
             packing = replace(packing, placements=tuple(left))
         if packing.placements:
             kept.append(packing)
-    return PackedParts(task, tuple(kept), tuple(rejected), searches)
+    return kept
+
+
+def _in_groups(
+    task: PackTask, packings: list[Packing], rejected: list[tuple[int, str]]
+) -> list[Packing]:
+    """Leave out the parts of groups that break a rule; note them."""
+    rules = task.settings.groups
+    if not rules:
+        return packings
+    names = [each.part.name for each in task.parts]
+    weights = dict(zip(names, task.weights, strict=True))
+    groups = {each.part.name: each.part.group for each in task.parts}
+    asked = {each.part.name: each.part.count for each in task.parts}
+    boxes = [Counter(names[one.type] for one in each.placements) for each in packings]
+    found = list(packings)
+    for number, group, reason in surplus(rules, groups, asked, boxes, weights.__getitem__):
+        goes = set(task.groups[group])
+        placements = found[number].placements
+        rejected += [(one.type, reason) for one in placements if one.type in goes]
+        stays = tuple(one for one in placements if one.type not in goes)
+        found[number] = replace(found[number], placements=stays)
+    return [each for each in found if each.placements]
 
 
 def _reasons(task: PackTask, packing: Packing) -> Mapping[int, str]:
@@ -79,7 +114,7 @@ def in_order(packed: PackedParts) -> PackedParts:
     first = len(task.fixed)
     packings = []
     for packing, whole in zip(packed.packings, packed.contents, strict=True):
-        may_touch = whole.clearance == 0 and task.settings.wall_clearance == 0
+        may_touch = task.largest_gap == 0 and task.walls.floor == 0
         if constraints.stable is not None and may_touch:
             resting = lowered(whole, constraints.fixed)
             own = replace(packing, placements=resting.placements[first:])

@@ -145,7 +145,7 @@ class PackedParts:
                 continue
             reasons = Counter([why for number, why in self.rejected if number == n][:left])
             if left > reasons.total():
-                reasons[self._why_no_space(n)] = left - reasons.total()
+                reasons[self._why_no_space(n)] += left - reasons.total()
             found += [LeftOut(each.part.name, count, why) for why, count in reasons.items()]
         return tuple(found)
 
@@ -157,7 +157,10 @@ class PackedParts:
             and task.limits(packing).faults([*task.masses_in(packing), mass])
             for packing in self.packings
         )
-        return "a limit of the box is reached" if is_full else "no space was found"
+        if is_full:
+            return "a limit of the box is reached"
+        is_kit = "kit" in task.settings.groups and task.parts[number].part.group is not None
+        return "its kit does not fit whole" if is_kit else "no space was found"
 
     @cached_property
     def score(self) -> tuple[float, ...]:

@@ -16,11 +16,13 @@ from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.rotation_sets import FIXED
 from packit_sim.parts.reading.boxes import Boxes, BoxType, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts
 from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.mesh_boxes import with_meshes
+from packit_sim.parts.reading.named_containers import without_names
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import (
     PreparedPart,
@@ -77,6 +79,7 @@ def prepared_task(
     ArgumentError
         If an argument is not possible, or no part can be read or fits.
     """
+    box, published = without_names(box)
     unit: Unit = settings.unit or box_unit(box) or "mm"
     accuracy = None if settings.accuracy is None else settings.accuracy * factor(unit, "mm")
     settings = replace(settings, unit=unit, reading=replace(settings.reading, accuracy=accuracy))
@@ -84,7 +87,7 @@ def prepared_task(
     box, outlines = with_meshes(box, unit, settings.reading, count)
     boxes = _limited(box_types(box, unit, count), settings.limits)
     check_objective(objective, boxes)
-    check_margin(settings.wall_clearance, boxes, unit)
+    check_margin(WallClearance.of(settings.wall_clearance), boxes, unit)
     progress("reading", 0, 0)
     reading = find_parts(parts, settings.reading)
     _check_triangles(reading.parts)
@@ -106,6 +109,7 @@ def prepared_task(
             unread.append(found) if isinstance(found, UnreadFile) else prepared.append(found)
     if not prepared:
         raise ArgumentError(f"no part can be packed: {unread[0].source}: {unread[0].reason}")
+    boxes, limit_notes = _as_published(boxes, published, prepared)
     task = PackTask(
         tuple(_bounded(prepared, boxes)),
         boxes,
@@ -120,7 +124,7 @@ def prepared_task(
     task = _without_tiny(task)
     _require_fit(task)
     note = unit_note(box)
-    notes = [*reading.notes, *([note] if note else []), *_notes(task)]
+    notes = [*reading.notes, *([note] if note else []), *limit_notes, *_notes(task)]
     return replace(task, notes=tuple(_joined(notes)))
 
 
@@ -137,6 +141,24 @@ def _limited(
     general = known.get("", Limits())
     own = [box.limits.over(known.get(box.name, Limits())).over(general) for box in boxes]
     return tuple(replace(box, limits=each) for box, each in zip(boxes, own, strict=True))
+
+
+def _as_published(
+    boxes: Sequence[BoxType], limits: Mapping[str, Limits], parts: Sequence[PreparedPart]
+) -> tuple[tuple[BoxType, ...], list[str]]:
+    """Return boxes with the limits of containers with a name, as far as masses are known."""
+    unknown = next((each.part.name for each in parts if each.mass is None), None)
+    found, notes = [], []
+    for box in boxes:
+        usual = limits.get(box.name, Limits())
+        if usual.max_mass is not None and box.limits.max_mass is None and unknown is not None:
+            notes.append(
+                f"{box.name} may hold {usual.max_mass / 1000:g} kg, which is not considered: "
+                f"part {unknown!r} has no mass or density"
+            )
+            usual = replace(usual, max_mass=None)
+        found.append(replace(box, limits=box.limits.over(usual)))
+    return tuple(found), notes
 
 
 def _bounded(parts: Iterable[PreparedPart], boxes: Sequence[BoxType]) -> Iterator[PreparedPart]:
@@ -192,7 +214,7 @@ def _without_tiny(task: PackTask) -> PackTask:
     fitting = _fitting(task)
     if not fitting:
         return task
-    least = least_side(fitting, task.gap)
+    least = least_side(fitting, task.largest_gap)
     parts = []
     for each in task.parts:
         if each.item_type.extents.max() < least:

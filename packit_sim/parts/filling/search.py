@@ -17,11 +17,15 @@ import numpy as np
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.candidates import candidate
+from packit_sim.parts.filling.grouped_filling import GroupedFilling
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.shelves import shelved
+from packit_sim.parts.filling.stretching import StretchedTypes
 from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
 from packit_sim.parts.packings.bounds import SUM_ROUNDING
+from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
@@ -37,6 +41,12 @@ _SECONDS = 0.05, 1e6
 
 _REPEATS = 4
 """Searches for a box, if their iterations are limited, while constraints leave parts out."""
+
+_STEPS = 0.08, 0.005
+"""Shares by which a height is lowered at a time, at first and at last."""
+
+_STEP_TIME = 0.25
+"""Share of the time that is left for each."""
 
 _NEXT_SEED = 1000
 """Difference of the seeds of searches for a box; a search that resumes adds 1."""
@@ -117,21 +127,28 @@ class PackingSearch:
 
     def _shelves(self, counts: Mapping[int, int]) -> PackedParts:
         """Fill box after box by shelves, as far as that is valid."""
-        task, left = self._task, dict(counts)
+        left = dict(counts)
         found: list[Packing] = []
         for box in self._boxes_by_size:
             stock = math.inf if box.count is None else box.count
-            while left and stock > 0 and not self._bodies(box):
-                placements = shelved(task, self._allowed(box, left), box.size)
-                packing = Packing(task.types, task.container(box), placements, task.gap, "knapsack")
-                if not placements or packing.problems():
+            while left and stock > 0:
+                packing = self._shelved(box, left)
+                if packing is None:
                     break
                 found.append(packing)
                 stock -= 1
-                for n, k in Counter(one.type for one in placements).items():
+                for n, k in Counter(one.type for one in packing.placements).items():
                     left[n] -= k
                 left = {n: k for n, k in left.items() if k > 0}
         return self._candidate(found)
+
+    def _shelved(self, box: BoxType, counts: Mapping[int, int]) -> Packing | None:
+        """Fill a box by shelves, if that is valid."""
+        if self._bodies(box):
+            return None
+        placements = shelved(self._task, self._allowed(box, counts), box.size)
+        packing = self._task.packing(self._task.container(box), placements)
+        return None if not placements or packing.problems() else packing
 
     def _is_best(self, packed: PackedParts, counts: Mapping[int, int]) -> bool:
         """Return whether all parts are packed, and in as few boxes as their volume allows."""
@@ -171,7 +188,8 @@ class PackingSearch:
     def _nest_all(self, counts: Mapping[int, int]) -> None:
         objective, first = self._task.objective, self._task.boxes[0]
         is_plain = not any(self._bodies(b) or not b.limits.is_empty for b in self._task.boxes)
-        may_be_together = objective == "boxes" and is_plain
+        is_plain = is_plain and not self._task.settings.groups
+        may_be_together = objective == "boxes" and is_plain and self._task.stretch == 1
         if may_be_together and self._can_all_fit(counts):
             self._fill_together(counts)
         else:
@@ -194,34 +212,97 @@ class PackingSearch:
                 break
             stock[box] -= 1
             own = {n: k for n, k in left.items() if self._fits(n, box, margin)}
-            found = self._fill(box, own, full, self._seconds(own, box, sum(stock.values())))
+            more = sum(stock.values())
+            found = self._fill_by_rules(box, own, full, self._seconds(own, box, more), more == 0)
             if found is None:
                 break
             full.append(found)
             for n, k in Counter(one.type for one in found.placements).items():
                 left[n] -= k
-            left = {n: k for n, k in left.items() if k > 0}
+            left = self._not_begun({n: k for n, k in left.items() if k > 0}, found)
             if self._stopped.is_set():
                 break
         return left
 
-    def _fill(
-        self, box: BoxType, counts: Mapping[int, int], full: list[Packing], seconds: float
+    def _not_begun(self, left: dict[int, int], packing: Packing) -> dict[int, int]:
+        """Return the parts that may be in a box after one: not of groups that share that one."""
+        if not {"together", "kit"} & set(self._task.settings.groups):
+            return left
+        parts = [each.part for each in self._task.parts]
+        begun = {parts[one.type].group for one in packing.placements} - {None}
+        return {n: k for n, k in left.items() if parts[n].group not in begun}
+
+    def _fill_by_rules(
+        self,
+        box: BoxType,
+        counts: Mapping[int, int],
+        full: list[Packing],
+        seconds: float,
+        is_last: bool,
     ) -> Packing | None:
-        """Fill one box; return its best contents, or None if nothing goes in."""
+        """Fill one box as the rules of groups allow; return its contents, or None."""
+        if not self._task.settings.groups:
+            return self._fill(box, counts, full, seconds)[0]
+
+        end = clock.perf_counter() + seconds
+
+        def fill(
+            some: Mapping[int, int], share: float, start: Packing | None
+        ) -> tuple[Packing | None, Counter[int]]:
+            if not some or self._stopped.is_set():
+                return None, Counter()
+            shelves = self._shelved(box, some)
+            quick = self._candidate([*full, *([shelves] if shelves else [])])
+            self._offer(quick)
+            if quick.count == sum(some.values()) + sum(len(each.placements) for each in full):
+                return quick.packings[-1], Counter(some)
+            found, most = self._fill(box, some, full, (end - clock.perf_counter()) * share, start)
+            own = quick.packings[len(full) :]
+            best = max((*own, *([found] if found else [])), key=self._weight, default=None)
+            return best, most
+
+        return GroupedFilling(self._task, box, counts, fill, is_last).run()
+
+    def _fill(
+        self,
+        box: BoxType,
+        counts: Mapping[int, int],
+        full: list[Packing],
+        seconds: float,
+        start: Packing | None = None,
+    ) -> tuple[Packing | None, Counter[int]]:
+        """Fill one box.
+
+        Parameters
+        ----------
+        full : list of Packing
+            The boxes before it.
+        start : Packing, optional
+            The contents to begin with.
+
+        Returns
+        -------
+        Packing or None
+            Its best contents, or None if nothing goes in.
+        Counter
+            How many of each part were in the fullest contents, which may break a rule.
+        """
         best: PackedParts | None = None
+        most = Counter[int]()
         total = sum(counts.values()) + sum(len(each.placements) for each in full)
 
         def better(packing: Packing) -> None:
-            nonlocal best
+            nonlocal best, most
             if packing.placements:
+                own = Counter(one.type for one in packing.placements)
+                most = max(most, own, key=Counter.total)
                 found = self._candidate([*full, *self._in_boxes(packing, box)])
                 if best is None or found.score > best.score:
                     best = found
                 self._offer(found)
 
         end = clock.perf_counter() + seconds
-        start = self._earlier(box, len(full))
+        start = start or self._earlier(box, len(full))
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
             seed = self._seed + _NEXT_SEED * number
@@ -234,8 +315,8 @@ class PackingSearch:
             if is_over or is_all or not self._task.is_constrained:
                 break
         if best is None or len(best.packings) <= len(full):
-            return None
-        return best.packings[-1]
+            return None, most
+        return best.packings[-1], most
 
     def _fill_together(self, counts: Mapping[int, int]) -> None:
         """Search for the fewest boxes, of one size or of several that there are enough of."""
@@ -254,6 +335,9 @@ class PackingSearch:
 
     def _lower(self, box: BoxType, counts: Mapping[int, int]) -> None:
         """Search for the least height of all parts, below the box's."""
+        if self._task.stretch != 1:
+            self._lower_by_steps(box, counts)
+            return
         inner = self._inner(box)
         x, y, z = inner.size
 
@@ -265,6 +349,24 @@ class PackingSearch:
         strip = BoxContainer((x, y, math.inf), inner.obstacles)
         self._nest(strip, "strip", counts, self._left, better, self._earlier(box, 0))
 
+    def _lower_by_steps(self, box: BoxType, counts: Mapping[int, int]) -> None:
+        """Search for all parts in lower and lower boxes, where a strip is not possible."""
+        margin, step = self._task.search_margin, _STEPS[0]
+        while step >= _STEPS[1] and not self._is_over:
+            height = self.best.packings[0].height * (1 - step)
+            inner = self._inner(box, height + margin.top)
+            is_all = False
+
+            def better(packing: Packing) -> None:
+                nonlocal is_all
+                is_all = len(packing.placements) == sum(counts.values())
+                if is_all:
+                    self._offer(self._candidate(self._in_boxes(packing, box)))
+
+            seconds = self._left * _STEP_TIME
+            self._nest(inner, "knapsack", counts, seconds, better, self._earlier(box, 0))
+            step = step if is_all else step / 2
+
     def _earlier(self, box: BoxType, number: int) -> Packing | None:
         """Return the box of this number in the packing that the search began with."""
         packings = self._first.packings
@@ -274,7 +376,7 @@ class PackingSearch:
 
     def _nest(
         self,
-        container: BoxContainer | Sequence[BoxContainer],
+        containers: BoxContainer | Sequence[BoxContainer],
         objective: str,
         counts: Mapping[int, int],
         seconds: float,
@@ -287,13 +389,30 @@ class PackingSearch:
         task, settings = self._task, self._task.settings
         numbers = sorted(counts)
         types = [task.types[n].changed(counts[n], value=task.weights[n]) for n in numbers]
+        first = None if start is None else self._start(start, types, numbers)
+        sums = limits.sums([task.parts[n].mass for n in numbers])
+        stretched: StretchedTypes | None = None
+        own, container = tuple(types), containers
+        if task.stretch != 1:
+            assert isinstance(containers, BoxContainer)
+            stretched = StretchedTypes(types, task.stretch)
+            own, container = stretched.types, stretched.container(containers)
+            sums = stretched.limits(sums, [counts[n] for n in numbers])
+            if first is not None:
+                known = filter(None, map(stretched.stretched, first.placements))
+                first = Packing(own, container, tuple(known), 0.0, "knapsack")
 
         def of_all(packing: Packing, _: float) -> None:
-            placements = [replace(one, type=numbers[one.type]) for one in packing.placements]
+            found = packing.placements
+            if stretched is not None:
+                assert isinstance(containers, BoxContainer)
+                found = tuple(map(stretched.unstretched, found))
+                packing = replace(packing, container=containers)
+            placements = [replace(one, type=numbers[one.type]) for one in found]
             better(replace(packing, types=task.types, placements=tuple(placements)))
 
         nest(
-            types,
+            own,
             container,
             objective,
             min(max(seconds, _SECONDS[0]), _SECONDS[1]),
@@ -305,9 +424,9 @@ class PackingSearch:
                 settings.backend,
                 settings.address,
                 settings.iterations,
-                start=None if start is None else self._start(start, types, numbers),
+                start=first,
                 stop=self._stopped,
-                limits=limits.sums([task.parts[n].mass for n in numbers]),
+                limits=sums,
             ),
         )
 
@@ -316,7 +435,7 @@ class PackingSearch:
     ) -> Packing:
         """Move the parts of a box into the inner container, as a packing of some types."""
         box = next(each for each in self._task.boxes if each.name == packing.container.name)
-        inner_from_box = Motion.shift(np.full(3, -self._task.search_margin))
+        inner_from_box = Motion.shift(-self._task.search_margin.low)
         placements = [
             replace(one, type=numbers.index(one.type), pose=inner_from_box @ one.pose, box=0)
             for one in packing.placements
@@ -327,19 +446,13 @@ class PackingSearch:
     def _in_boxes(self, packing: Packing, *types: BoxType) -> list[Packing]:
         """Move a packing from the inner containers into its boxes, which are of some types."""
         by_size = {self._inner(each).size: each for each in reversed(types)}
-        box_from_inner = Motion.shift(np.full(3, self._task.search_margin))
+        box_from_inner = Motion.shift(self._task.search_margin.low)
         found: dict[int, list[Placement]] = {}
         for one in packing.placements:
             moved = replace(one, pose=box_from_inner @ one.pose, box=0)
             found.setdefault(one.box, []).append(moved)
         return [
-            Packing(
-                self._task.types,
-                self._task.container(box),
-                tuple(found[n]),
-                self._task.gap,
-                "knapsack",
-            )
+            self._task.packing(self._task.container(box), found[n])
             for n in sorted(found)
             for box in [by_size.get(packing.container_of(n).size, types[0])]
         ]
@@ -353,9 +466,11 @@ class PackingSearch:
             if self._callback is not None:
                 self._callback(found)
 
-    def _inner(self, box: BoxType) -> BoxContainer:
+    def _inner(self, box: BoxType, height: float | None = None) -> BoxContainer:
+        """Return the space for parts inside a box, of another height if wanted."""
         margin = self._task.search_margin
-        x, y, z = (side - 2 * margin for side in box.size)
+        sides = (*box.size[:2], box.size[2] if height is None else height)
+        x, y, z = (np.array(sides) - margin.low - margin.high).tolist()
         return BoxContainer((x, y, z), self._bodies(box), box.name)
 
     def _bodies(self, box: BoxType) -> tuple[ItemType, ...]:
@@ -366,14 +481,17 @@ class PackingSearch:
         """
         if box not in self._known_bodies:
             task, margin = self._task, self._task.search_margin
-            walls = box.container.walls(margin, task.gap)
+            across = task.gap if form_of(box.container) == "cylinder" else task.least_gap
+            walls = box.container.walls(margin, across)
             self._known_bodies[box] = tuple(
-                replace(each, vertices=each.vertices - margin, known_volume=each.volume)
-                for each in (*(one.item_type for one in task.obstacles), *walls)
+                replace(each, vertices=each.vertices - margin.low, known_volume=each.volume)
+                for each in (*task.container(box).obstacles, *walls)
             )
         return self._known_bodies[box]
 
-    def _fits(self, number: int, box: BoxType | None = None, margin: float | None = None) -> bool:
+    def _fits(
+        self, number: int, box: BoxType | None = None, margin: WallClearance | None = None
+    ) -> bool:
         part = self._task.parts[number]
         margin = self._task.margin if margin is None else margin
         boxes = self._task.boxes if box is None else (box,)
@@ -403,6 +521,8 @@ class PackingSearch:
         volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
         space = min(self._inner(box).volume, box.container.volume)
         needed = math.ceil(volume / (_FULL * space))
+        if "apart" in self._task.settings.groups:
+            needed = max(needed, len({self._task.parts[n].part.group for n in counts}))
         return self._left / max(1, min(needed, more + 1))
 
     @property

@@ -57,8 +57,11 @@ def _placements(
     task: PackTask, counts: Mapping[int, int], size: Floats, axes: Sequence[int], rule: str
 ) -> list[Placement]:
     """Fill rows along the first axis, layers of rows along the second, and then the third."""
-    gap, margin, order = task.gap, task.margin, list(axes)
-    limits = (size - 2 * margin + _SLACK * size.max())[order]
+    margin, order = task.margin, list(axes)
+    gap_row, gap_layer, gap_height = gap = (
+        task.largest_gap * np.array((1, 1, 1 / task.stretch))[order]
+    )
+    limits = (size - margin.low - margin.high + _SLACK * size.max())[order]
     chosen = []
     for n in counts:
         sides = task.parts[n].sides[:, order]
@@ -74,19 +77,19 @@ def _placements(
         low = rotation.apply(own.vertices).min(axis=0)
         for _ in range(counts[n]):
             if row + x > limits[0]:
-                row, layer, deep = 0.0, layer + deep + gap, 0.0
+                row, layer, deep = 0.0, layer + deep + gap_layer, 0.0
             if layer + y > limits[1]:
-                row, layer, height, deep, high = 0.0, 0.0, height + high + gap, 0.0, 0.0
+                row, layer, height, deep, high = 0.0, 0.0, height + high + gap_height, 0.0, 0.0
             if height + z > limits[2]:
                 break
             place = np.empty(3)
             place[order] = row, layer, height
-            placements.append(Placement(n, rotation.at(place + margin - low)))
-            row, deep, high = row + x + gap, max(deep, y), max(high, z)
+            placements.append(Placement(n, rotation.at(place + margin.low - low)))
+            row, deep, high = row + x + gap_row, max(deep, y), max(high, z)
     return placements
 
 
-def _choice(sides: Floats, limits: Floats, gap: float, rule: str) -> int:
+def _choice(sides: Floats, limits: Floats, gap: Floats, rule: str) -> int:
     """Return the number of a rotation, by the sides (m, 3) along row, layer and height."""
     if rule == "most":
         return int(np.floor((limits + gap) / (sides + gap)).prod(axis=1).argmax())

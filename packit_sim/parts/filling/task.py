@@ -9,18 +9,29 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.choices import Goal, SearchBackend
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.parallel import check_search_workers
+from packit_sim.core.sums import plain_sum
+from packit_sim.parts.filling.groups import GROUP_RULES
 from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
 from packit_sim.parts.packings import checked_items
-from packit_sim.parts.packings.bounds import COUNTS, DISTANCES, ITERATIONS, LENGTHS
+from packit_sim.parts.packings.bounds import (
+    COUNTS,
+    DISTANCES,
+    ITERATIONS,
+    LENGTHS,
+    SUM_ROUNDING,
+)
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.containers import Container
+from packit_sim.parts.packings.distances import WallClearance, stretch
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
@@ -29,7 +40,7 @@ from packit_sim.parts.reading.files import ReadSettings, UnreadFile
 from packit_sim.parts.reading.limits import NO_LIMITS, Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
-from packit_sim.parts.reading.sizes import too_large
+from packit_sim.parts.reading.sizes import fits, too_large
 from packit_sim.parts.reading.units import check_unit
 
 GOALS: tuple[Goal, ...] = get_args(Goal)
@@ -42,8 +53,8 @@ class PackSettings:
     Parameters
     ----------
     clearance : float
-        Smallest distance between two parts.
-    wall_clearance : float
+        Smallest distance between two parts, unless one of them has a larger one.
+    wall_clearance : float or WallClearance
         Smallest distance to the walls.
     accuracy : float, optional
         Largest deviation of a collision mesh from its file; by default 0.002 of its diagonal.
@@ -85,6 +96,12 @@ class PackSettings:
     limits : Limits or mapping of str to Limits
         What one box may hold, where a box does not say so; or the same by the name of the boxes,
         with those of all others by the name "".
+    clearance_z : float, optional
+        Smallest distance of two parts of which one is straight above the other; by default the
+        same as `clearance`. Between, an ellipsoid with these half axes decides (see Notes).
+    groups : sequence of str
+        Rules for the parts of each group: "together": all that are packed share a box; "kit": they
+        are packed whole, into one box, or not at all; "apart": no box has parts of two groups.
 
     Raises
     ------
@@ -92,6 +109,12 @@ class PackSettings:
         If a number is out of bounds.
     WorkersError
         If the search can't have such workers.
+
+    Notes
+    -----
+    With `clearance_z`, distances are measured after all lengths along z are multiplied by
+    `clearance / clearance_z`, and must be at least the clearance then. A clearance of a part is
+    stretched in the same way.
 
     Examples
     --------
@@ -106,7 +129,7 @@ class PackSettings:
     """
 
     clearance: float = 0.0
-    wall_clearance: float = 0.0
+    wall_clearance: float | WallClearance = 0.0
     accuracy: float | None = None
     boxes: int | None = None
     unit: Unit | None = None
@@ -124,10 +147,14 @@ class PackSettings:
     stop: threading.Event | None = None
     separable: bool = False
     limits: Limits | Mapping[str, Limits] = NO_LIMITS
+    clearance_z: float | None = None
+    groups: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
-        check_range("wall clearance", self.wall_clearance, DISTANCES)
+        stretch(self.clearance, self.clearance_z)
+        if not isinstance(self.wall_clearance, WallClearance):
+            check_range("wall clearance", self.wall_clearance, DISTANCES)
         for name in ("accuracy", "stable"):
             if getattr(self, name) is not None:
                 check_range(name, getattr(self, name), LENGTHS)
@@ -137,6 +164,9 @@ class PackSettings:
                 check_range(name, as_integer(name, value), valid)
         if self.unit is not None:
             check_unit(self.unit)
+        for rule in self.groups:
+            known = f"choose from {', '.join(GROUP_RULES)}"
+            check_range("rule of groups", rule, (rule in GROUP_RULES, known))
         check_search_workers(self.workers, self.backend, self.address)
 
 
@@ -148,13 +178,15 @@ def check_objective(objective: Goal, boxes: Sequence[BoxType]) -> None:
         raise ArgumentError("the objective height needs one box: choose boxes for several")
 
 
-def check_margin(margin: float, boxes: Sequence[BoxType], unit: Unit) -> None:
-    """Raise ArgumentError if a distance from the walls leaves no space in a box."""
+def check_margin(margin: WallClearance, boxes: Sequence[BoxType], unit: Unit) -> None:
+    """Raise ArgumentError if distances from the walls are not possible in a box."""
     for box in boxes:
-        if min(box.size) <= 2 * margin:
+        if not margin.is_even and form_of(box.container) == "mesh":
             raise ArgumentError(
-                f"box {box.name!r}: {margin:.4g} {unit} at each wall leave no space in it"
+                f"box {box.name!r} is a mesh: choose one distance from all of its walls"
             )
+        if (np.array(box.size) <= margin.low + margin.high).any():
+            raise ArgumentError(f"box {box.name!r}: {margin.text(unit)} leave no space in it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +241,8 @@ class PackTask:
             self._check_masses("limits on the mass in a box")
         for box in self.boxes:
             self.constraints.check_container(box.container)
+        if self.settings.groups:
+            self._check_groups()
 
     @property
     def unit(self) -> Unit:
@@ -222,10 +256,16 @@ class PackTask:
         Those of fixed parts follow.
         """
         found = (
-            each.item_type.changed(value=weight)
+            self._kept_apart(each).changed(value=weight)
             for each, weight in zip(self.parts, self.weights, strict=True)
         )
-        return (*found, *(each.item_type for each in self.fixed))
+        return (*found, *map(self._kept_apart, self.fixed))
+
+    def _kept_apart(self, part: PreparedPart) -> ItemType:
+        """Return the type of a part, with the distance of collision meshes if it has its own."""
+        if part.clearance is None:
+            return part.item_type
+        return part.item_type.changed(clearance=part.clearance + self._deviations)
 
     @property
     def all_parts(self) -> tuple[PreparedPart, ...]:
@@ -275,6 +315,47 @@ class PackTask:
             metres=centimetres / 100,
         )
 
+    def _check_groups(self) -> None:
+        """Raise ArgumentError if the rules of groups are not possible."""
+        if not self.groups:
+            raise ArgumentError(
+                "rules of groups need parts with a group: a manifest has the field 'group'"
+            )
+        if "kit" not in self.settings.groups:
+            return
+        for group, numbers in self.groups.items():
+            for n in numbers:
+                if self.parts[n].part.as_many_as_fit:
+                    name = self.parts[n].part.name
+                    raise ArgumentError(f"the kit {group!r} needs a number of {name!r}, not max")
+                if n in self.too_large:
+                    name, why = self.parts[n].part.name, self.too_large[n]
+                    raise ArgumentError(f"the kit {group!r} fits into no box: {name} of {why}")
+            if not any(self.may_hold(box, numbers) for box in self.boxes):
+                count = sum(self.parts[n].part.count for n in numbers)
+                raise ArgumentError(
+                    f"the kit {group!r} fits into no box: its {count} parts are too many or too "
+                    "large together"
+                )
+
+    @cached_property
+    def groups(self) -> dict[str, list[int]]:
+        """The numbers of the parts of each group."""
+        found: dict[str, list[int]] = {}
+        for n, each in enumerate(self.parts):
+            if each.part.group is not None:
+                found.setdefault(each.part.group, []).append(n)
+        return found
+
+    def may_hold(self, box: BoxType, numbers: Sequence[int]) -> bool:
+        """Return whether a box may hold all of some parts, by their volumes and its limits."""
+        parts = [self.parts[n] for n in numbers]
+        volume = plain_sum(each.volume * each.part.count for each in parts)
+        masses = [each.mass for each in parts for _ in range(each.part.count)]
+        limits = box.limits.faults(masses)
+        is_small = volume <= box.container.volume * (1 + SUM_ROUNDING)
+        return is_small and not limits and all(fits(each, box, self.margin) for each in parts)
+
     def _check_masses(self, what: str) -> None:
         """Raise ArgumentError if something needs masses that are not known."""
         for each in self.parts:
@@ -317,7 +398,14 @@ class PackTask:
 
     def container(self, box: BoxType) -> Container:
         """Return a box with what the parts keep clear of."""
-        return box.container.with_obstacles([each.item_type for each in self.obstacles])
+        return box.container.with_obstacles(list(map(self._kept_apart, self.obstacles)))
+
+    def packing(self, container: Container, placements: Sequence[Placement]) -> Packing:
+        """Return a packing of this task in one of its boxes."""
+        gap_z = None if self.stretch == 1 else self.gap / self.stretch
+        return Packing(
+            *(self.types, container, tuple(placements), self.gap, "knapsack"), clearance_z=gap_z
+        )
 
     def with_fixed(self, packing: Packing) -> Packing:
         """Return a packing of this task with the fixed parts as its first placements."""
@@ -327,28 +415,59 @@ class PackTask:
         placements = (*fixed, *packing.placements)
         return replace(packing, container=container, placements=placements)
 
+    @property
+    def stretch(self) -> float:
+        """By what lengths along z are multiplied before distances are measured."""
+        return stretch(self.settings.clearance, self.settings.clearance_z)
+
     @cached_property
     def gap(self) -> float:
         """The distance of two collision meshes that keeps the clearance of the files' surfaces."""
-        return self.settings.clearance + largest_sum((*self.parts, *self.obstacles))
-
-    @cached_property
-    def margin(self) -> float:
-        """The distance of collision meshes from the walls, for the same purpose."""
-        deviation = max((each.deviation for each in self.parts), default=0.0)
-        walls = max((each.deviation for each in self.outlines.values()), default=0.0)
-        return self.settings.wall_clearance + deviation + walls
+        return self.settings.clearance + self._deviations
 
     @property
-    def search_margin(self) -> float:
+    def least_gap(self) -> float:
+        """The same in the direction in which it is least."""
+        return self.gap * min(1.0, 1 / self.stretch)
+
+    @cached_property
+    def _deviations(self) -> float:
+        """How much less the distance of two files' surfaces may be."""
+        return largest_sum((*self.parts, *self.obstacles)) * max(1.0, self.stretch)
+
+    @cached_property
+    def largest_gap(self) -> float:
+        """The same for the part that keeps the largest distance."""
+        every = map(self._kept_apart, (*self.parts, *self.obstacles))
+        return max(self.gap, *(each.clearance or 0.0 for each in every))
+
+    @cached_property
+    def walls(self) -> WallClearance:
+        """The distances of files' surfaces from the walls."""
+        return WallClearance.of(self.settings.wall_clearance)
+
+    @cached_property
+    def margin(self) -> WallClearance:
+        """The distances of collision meshes from the walls, for the same purpose."""
+        deviation = max((each.deviation for each in self.parts), default=0.0)
+        walls = max((each.deviation for each in self.outlines.values()), default=0.0)
+        return self.walls.plus(deviation + walls)
+
+    @cached_property
+    def search_margin(self) -> WallClearance:
         """The same for the nester, which lets items reach beyond walls by the tolerance."""
-        return self.margin + (self.tolerance if self.settings.wall_clearance else 0.0)
+        if self.stretch == 1 and not self.walls.largest:
+            return self.margin
+        return self.margin.plus(self.tolerance * max(self.stretch, 1 / self.stretch))
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that decides which packing is better."""
         settings = self.settings
-        numbers = (settings.clearance, settings.wall_clearance, settings.accuracy, self.unit)
+        numbers: tuple[object, ...] = (settings.clearance, settings.wall_clearance)
+        numbers += () if settings.clearance_z is None else (settings.clearance_z,)
+        numbers += (settings.accuracy, self.unit)
+        numbers += (sorted(settings.groups),) if settings.groups else ()
         boxes = [
             (box.name, box.size, box.count, *(() if box.limits.is_empty else (box.limits,)))
             for box in self.boxes

@@ -39,7 +39,9 @@ def separated(packing: Packing) -> Packing:
         raise ArgumentError("only a strip has space on top: choose filter_packing for a box")
     filtered = filter_packing(packing, Constraints(separable=True))
     tolerance = checked_items.tolerance(container.longest, math.inf)
-    gap = packing.clearance and packing.clearance + tolerance
+    own = (each.clearance or 0.0 for each in (*packing.types, *container.obstacles))
+    largest = max(packing.clearance, packing.clearance_z or 0.0, *own)
+    gap = largest and largest + tolerance
     boxes = [_bounds(packing.vertices(one)) for one in filtered.packing.placements]
     boxes += [_bounds(each.vertices) for each in container.obstacles]
     placements = list(packing.placements)

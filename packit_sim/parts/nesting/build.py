@@ -67,6 +67,7 @@ def build(
     settings: SearchSettings = DEFAULT_SETTINGS,
     by_cells: bool = False,
     has_fields: bool = True,
+    bodies: Sequence[ItemType] = (),
 ) -> Problem:
     """Compute the arrays of a problem.
 
@@ -84,6 +85,9 @@ def build(
         True to fill boxes with items as cells.
     has_fields : bool
         False for a problem without fields and stored distances.
+    bodies : sequence of ItemType, optional
+        Bodies around the types, which keep clear of each other instead; the walls of the container
+        still count for the types.
 
     Returns
     -------
@@ -93,25 +97,30 @@ def build(
     tolerance = min(checked_items.tolerance(unit, float(each.extents.max())) for each in types)
     turns, own_turns = _turns(types)
     relative, relative_turns = _relative(turns)
-    centred = [each.vertices - (each.low + each.high) / 2 for each in types]
-    turned = [vertices @ turns.transpose(0, 2, 1) for vertices in centred]
+    bodies = bodies or types
+    own = [each.vertices - each.middle for each in types]
+    centred = [body.vertices - each.middle for each, body in zip(types, bodies, strict=True)]
+    beyond = max(
+        float(np.abs(b).max() - np.abs(a).max()) for a, b in zip(own, centred, strict=True)
+    )
+    turned = [vertices @ turns.transpose(0, 2, 1) for vertices in own]
     boxes = np.array([np.hstack((v.min(axis=1), v.max(axis=1))) for v in turned])
     allowed = np.zeros((len(types), len(turns)), np.int64)
     counts = np.zeros(len(types), np.int64)
-    for n, own in enumerate(own_turns):
-        kept = _distinct(centred[n], boxes[n], turns, own, 0.01 * tolerance)
+    for n, some in enumerate(own_turns):
+        kept = _distinct(own[n], boxes[n], turns, some, 0.01 * tolerance)
         allowed[n, : len(kept)] = kept
         counts[n] = len(kept)
     longest = np.array([each.extents.max() for each in types])
     fields = len(types) * (len(types) + 1) // 2 * len(relative_turns)
-    triangles = float(np.mean([len(each.faces) for each in types]))
+    triangles = float(np.mean([len(each.faces) for each in bodies]))
     is_simple = triangles <= settings.simple_triangles
     is_cheap = is_simple or fields * triangles <= settings.refined_work
     refined = fields <= settings.max_refined_fields and is_cheap
     if not has_fields:
         refined, clearance = False, max(clearance, APART * tolerance)
     # Types of which fields and distances are computed: all or none.
-    measured = list(zip(types, centred, strict=True)) if has_fields else []
+    measured = list(zip(bodies, centred, strict=True)) if has_fields else []
     voxel = _voxel(types, len(relative_turns), refined, settings) if has_fields else longest.min()
     voxels = [turned_voxels(v[each.faces], relative_turns, voxel) for each, v in measured]
     flat = [each.ravel() for row in voxels for each in row]
@@ -120,7 +129,7 @@ def build(
     lookup = Lookup(
         voxel=voxel,
         clearance=clearance,
-        slack=SLACK * tolerance,
+        slack=SLACK * tolerance - 2 * beyond,  # bounds then reach as far as two bodies
         identity=int(relative[0, 0]),
         turns=turns,
         relative=relative,
@@ -134,7 +143,7 @@ def build(
         voxels=np.concatenate([np.empty(0, np.uint8), *flat]),
         voxel_fields=voxel_fields.reshape(len(measured), len(relative_turns), 4).astype(np.int64),
     )
-    parts = [Parts.of(vertices, each.faces) for each, vertices in zip(types, centred, strict=True)]
+    parts = [Parts.of(vertices, each.faces) for each, vertices in zip(bodies, centred, strict=True)]
     return Problem(
         lookup,
         by_cells=by_cells,
@@ -144,9 +153,9 @@ def build(
         allowed=allowed,
         allowed_counts=counts,
         reach=longest * 0.5,
-        surfaces=_surfaces(types, centred, tolerance),
+        surfaces=_surfaces(bodies, centred, tolerance),
         closed=_closed(centred, parts),
-        solids=_solids(types, centred, parts),
+        solids=_solids(bodies, centred, parts),
         distances=_distances(measured, clearance, settings),
         shift=np.zeros(3),
         waiting=np.zeros((STACK, 2), np.int64),

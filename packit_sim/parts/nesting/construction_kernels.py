@@ -52,6 +52,7 @@ def construct(problem, state, order, box, samples, rng):
     heights = np.empty(TRIES)
     places = np.empty((TRIES, 3))
     turned = np.zeros(TRIES, np.int64)
+    gap = lookup.clearance - min(lookup.slack, 0.0)  # as far as bounds reach where bodies count
     top = _top(lookup, state, box)
     for i in order:
         a = state.types[i]
@@ -60,7 +61,7 @@ def construct(problem, state, order, box, samples, rng):
             o = problem.allowed[a, int(random(rng) * problem.allowed_counts[a])]
             height = lookup.boxes[a, o, 5] - lookup.boxes[a, o, 2]
             # Samples above the top are of no use: the item can always stand there.
-            limits[0, 3] = min(box[0, 3], top + lookup.clearance + height)
+            limits[0, 3] = min(box[0, 3], top + gap + height)
             sample(lookup, a, o, p, limits[0], rng)
             if not clamp(lookup, a, o, p, limits):
                 continue
@@ -89,7 +90,7 @@ def construct(problem, state, order, box, samples, rng):
             else:
                 o = problem.allowed[a, int(random(rng) * problem.allowed_counts[a])]
                 sample(lookup, a, o, p, limits[0], rng)
-                p[2] = top + lookup.clearance - lookup.boxes[a, o, 2]
+                p[2] = top + gap - lookup.boxes[a, o, 2]
                 if not clamp(lookup, a, o, p, box):
                     continue
             if _is_lowered(problem, state, i, o, p, box, least):
@@ -100,7 +101,7 @@ def construct(problem, state, order, box, samples, rng):
             put(lookup, state, i, best_turned, best)
         else:
             take_out(state, i)
-            least = _put_on_top(problem, state, i, top + lookup.clearance, box)
+            least = _put_on_top(problem, state, i, top + gap, box)
         if least < NO_LIMIT:
             top = max(top, least)
 

@@ -196,7 +196,7 @@ def _least_heights(problem: Problem, size: Sequence[float]) -> Floats:
     """Return the least height of each type in an empty box, infinite if it does not fit."""
     lookup = problem.lookup
     sides = lookup.boxes[..., 3:] - lookup.boxes[..., :3]
-    fits = (sides <= np.array(size) + lookup.slack).all(axis=2)
+    fits = (sides <= np.array(size) + max(lookup.slack, 0.0)).all(axis=2)
     heights = np.where(fits, sides[..., 2], np.inf)
     rows = zip(heights, problem.allowed, problem.allowed_counts, strict=True)
     return np.array([own[allowed[:count]].min() for own, allowed, count in rows])

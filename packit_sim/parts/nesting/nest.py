@@ -40,6 +40,7 @@ from packit_sim.parts.nesting.tasks import (
 )
 from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.bounds import AMOUNTS, ITERATIONS, SECONDS, SEEDS
+from packit_sim.parts.packings.complements import thickened
 from packit_sim.parts.packings.containers import BoxContainer, Container
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
@@ -146,7 +147,7 @@ def nest(
         Seconds, from the call on (see `NestSettings.clock`). The first packing may take longer.
     clearance : float
         Smallest distance between the surfaces of two items, and of items and obstacles; here the
-        contact tolerance is not taken off.
+        contact tolerance is not taken off. Types may have a larger one of their own.
     callback : callable, optional
         Called with each better packing and the seconds since the call.
     settings : NestSettings
@@ -195,8 +196,11 @@ def nest(
     empty = Packing(types, containers[0], (), clearance, objective)
     _check(empty, containers)
     units = [each.longest for each in containers]
-    gap = clearance and clearance + checked_items.tolerance(max(units), math.inf)
+    tolerance = checked_items.tolerance(max(units), math.inf)
     searched = tuple(map(in_search_frame, types))
+    all_items = (*searched, *containers[0].obstacles)
+    least = min(max(clearance, each.clearance or 0.0) for each in all_items)
+    gap = least and least + tolerance
     obstacles = (*containers[0].obstacles, *containers[0].walls(0.0, gap))
     # Obstacles are large, and most of their fields are never used: those are not worth the wait.
     shares_fields = settings.iterations is None and not obstacles
@@ -204,8 +208,18 @@ def nest(
     is_large = count_fields(all_types) > settings.search.most_fields
     by_cells = objective != "bins" and is_large and _suit_cells(searched, containers[0])
     has_fields = not by_cells or objective != "strip"
+    bodies = tuple(
+        _body(each, max(clearance, each.clearance or 0.0) - least, tolerance) for each in all_items
+    )
+    is_plain = all(body is each for body, each in zip(bodies, all_items, strict=True))
     problems = Problems(
-        all_types, min(units), gap, shares_fields, settings.search, by_cells, has_fields
+        *(all_types, min(units), gap, shares_fields, settings.search, by_cells, has_fields),
+        () if is_plain else (*bodies, *all_types[len(bodies) :]),
+    )
+    kept = clearance and clearance + tolerance
+    checked_types = tuple(
+        each.changed(clearance=each.clearance + tolerance) if each.clearance else each
+        for each in types
     )
     kind = SEARCHES[objective] if has_fields else CellStripSearch
     task = _task(empty, containers, obstacles, settings.search)
@@ -215,7 +229,7 @@ def nest(
 
     def checked(solution: Solution) -> Packing | None:
         packing = _packing(problems.get(), task, solution, empty)
-        found = replace(packing, clearance=gap).problems()
+        found = replace(packing, types=checked_types, clearance=kept).problems()
         if objective != "knapsack" and any(packing.left_out):
             found.append("not all items are placed")
         if found:
@@ -241,6 +255,14 @@ def nest(
     if best is None:
         raise NestingError(f"no valid packing was found in {time:g} s: allow more time")
     return best
+
+
+def _body(item_type: ItemType, distance: float, tolerance: float) -> ItemType:
+    """Return the body of all that is nearer to an item than a distance, if that is above 0."""
+    if distance <= 0:
+        return item_type
+    vertices, faces = thickened(item_type.vertices, item_type.faces, distance + 2 * tolerance)
+    return ItemType(item_type.name, vertices, faces, item_type.demand, item_type.rotations)
 
 
 def _suit_cells(types: Sequence[ItemType], container: Container) -> bool:

@@ -131,8 +131,10 @@ class Lookup(NamedTuple):
     ----------
     voxel : float
         Side of a field's voxels.
-    clearance, slack : float
-        Lengths.
+    clearance : float
+        The distance to keep.
+    slack : float
+        How far bounding boxes may overlap; below 0 where bodies around items keep clear instead.
     identity : int
         The number of the relative rotation that is the identity.
     turns : ndarray

@@ -46,6 +46,8 @@ class Problems:
         True to fill boxes with items as cells.
     has_fields : bool
         False for a problem without fields.
+    bodies : tuple of ItemType
+        Bodies around the types, which keep clear of each other instead; none for the types.
     """
 
     def __init__(
@@ -57,10 +59,11 @@ class Problems:
         settings: SearchSettings = DEFAULT_SETTINGS,
         by_cells: bool = False,
         has_fields: bool = True,
+        bodies: tuple[ItemType, ...] = (),
     ) -> None:
         self.shares_fields = shares_fields and not is_checking()  # others would change its nodes
-        self._arguments = types, unit, clearance, settings, by_cells, has_fields
-        parts = [(each.digest, each.rotations) for each in types]
+        self._arguments = types, unit, clearance, settings, by_cells, has_fields, bodies
+        parts = [(each.digest, each.rotations) for each in (*types, *bodies)]
         key = parts, unit, clearance, self.shares_fields, settings, by_cells, has_fields
         self._digest = hashlib.sha256(repr(key).encode()).hexdigest()
 

@@ -73,6 +73,7 @@ def _framed(item_type: ItemType) -> tuple[Floats, ItemType]:
         "cube",
         item_type.value,
         known_volume=item_type.volume,
+        clearance=item_type.clearance,
     )
     return turn, turned
 

@@ -1,4 +1,4 @@
-"""What is around a closed surface in its bounding box, as closed bodies without cavities.
+"""Bodies around surfaces: what is around a container in its bounding box, and thickened items.
 
 The only module that imports manifold3d, an optional package.
 """
@@ -74,6 +74,43 @@ def complement(vertices: Floats, faces: Ints, margin: float) -> list[tuple[Float
         (np.asarray(mesh.vert_properties)[:, :3] * longest + low, np.asarray(mesh.tri_verts, int))
         for mesh in meshes
     ]
+
+
+def thickened(vertices: Floats, faces: Ints, distance: float) -> tuple[Floats, Ints]:
+    """Return the surface of all that is in a body, or nearer to its surface than a distance.
+
+    Parameters
+    ----------
+    vertices : ndarray of float64, shape (n, 3)
+        The vertices of the body's surface.
+    faces : ndarray of int64, shape (m, 3)
+        Its triangles, as indices of vertices.
+    distance : float
+        The distance; the body reaches a little farther.
+
+    Returns
+    -------
+    (ndarray of float64, ndarray of int64)
+        The vertices and triangles.
+
+    Raises
+    ------
+    MissingPackageError
+        If manifold3d is not installed.
+    """
+    with needed_for("parts with a clearance of their own"):
+        import manifold3d
+    low = vertices.min(axis=0)
+    longest = float(np.ptp(vertices, axis=0).max())
+    scaled = (vertices - low) / longest
+    fewer, error = _simplified(scaled, faces)
+    around = _thickened(manifold3d, fewer, distance / longest + error)
+    inside = manifold3d.Manifold(manifold3d.Mesh64(scaled, faces.astype(np.uint64)))
+    if inside.status() == manifold3d.Error.NoError:
+        around += inside
+    mesh = around.to_mesh64()
+    found = np.asarray(mesh.vert_properties)[:, :3] * longest + low
+    return found, np.asarray(mesh.tri_verts, np.int64)
 
 
 def _simplified(vertices: Floats, faces: Ints) -> tuple[Floats, float]:

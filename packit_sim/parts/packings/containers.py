@@ -13,6 +13,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.packings.bounds import LENGTHS
 from packit_sim.parts.packings.checked_items import CheckedItem
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.rotation_sets import FIXED
 
@@ -64,13 +65,16 @@ class Container(Protocol):
         """The longest fixed side: the unit of the tolerance."""
 
     def faults(
-        self, item: CheckedItem, clearance: float = 0.0, slack: float | None = None
+        self,
+        item: CheckedItem,
+        clearance: float | WallClearance = 0.0,
+        slack: float | None = None,
     ) -> Iterator[str]:
         """Find what is wrong with the place of an item, such as "reaches 2 beyond ...".
 
         Parameters
         ----------
-        clearance : float
+        clearance : float or WallClearance
             The smallest distance that the item may have from the walls.
         slack : float, optional
             How much smaller it may be; by default the item's tolerance.
@@ -81,12 +85,12 @@ class Container(Protocol):
             A predicate for each wall, without the item's name.
         """
 
-    def walls(self, margin: float = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
+    def walls(self, margin: float | WallClearance = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
         """Return what is around the container in its bounding box, as bodies for a search.
 
         Parameters
         ----------
-        margin : float
+        margin : float or WallClearance
             The smallest distance that items may have from the walls.
         gap : float
             The distance that the search keeps from each body.
@@ -101,12 +105,12 @@ class Container(Protocol):
     def with_obstacles(self, obstacles: Sequence[ItemType]) -> Container:
         """Return the same container with these obstacles."""
 
-    def has_space(self, part: Measured, margin: float, factor: float = 1.0) -> bool:
+    def has_space(self, part: Measured, margin: float | WallClearance, factor: float = 1.0) -> bool:
         """Return whether a part may fit, by its size alone.
 
         Parameters
         ----------
-        margin : float
+        margin : float or WallClearance
             The smallest distance from the walls.
         factor : float, default: 1.0
             The scale of the part.
@@ -209,12 +213,17 @@ class BoxContainer:
                 yield f"the box's {wall} wall", depth
 
     def faults(
-        self, item: CheckedItem, clearance: float = 0.0, slack: float | None = None
+        self,
+        item: CheckedItem,
+        clearance: float | WallClearance = 0.0,
+        slack: float | None = None,
     ) -> Iterator[str]:
         """Yield the walls that an item reaches beyond, or comes too close to."""
-        yield from beyond_walls(self.beyond, item, clearance, slack)
+        own = WallClearance.of(clearance)
+        clearances = np.column_stack((own.low, own.high)).ravel()
+        yield from beyond_walls(self.beyond, item, clearances.tolist(), slack)
 
-    def walls(self, margin: float = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
+    def walls(self, margin: float | WallClearance = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
         """Return nothing: a box is its bounding box."""
         return ()
 
@@ -222,14 +231,17 @@ class BoxContainer:
         """Return the same box with these obstacles."""
         return replace(self, obstacles=tuple(obstacles))
 
-    def has_space(self, part: Measured, margin: float, factor: float = 1.0) -> bool:
+    def has_space(self, part: Measured, margin: float | WallClearance, factor: float = 1.0) -> bool:
         """Return whether a part fits in one of its rotations."""
         return in_bounding_box(self.size, part, margin, factor)
 
 
-def in_bounding_box(size: Sequence[float], part: Measured, margin: float, factor: float) -> bool:
+def in_bounding_box(
+    size: Sequence[float], part: Measured, margin: float | WallClearance, factor: float
+) -> bool:
     """Return whether a part fits into a bounding box in one of its rotations."""
-    inner = np.array(size) * (1 + ROUNDING) - 2 * margin
+    own = WallClearance.of(margin)
+    inner = np.array(size) * (1 + ROUNDING) - own.low - own.high
     return bool((part.sides * factor <= inner).all(axis=1).any())
 
 
@@ -259,7 +271,7 @@ def fixed_in_place(obstacles: Sequence[object]) -> tuple[ItemType, ...]:
 def beyond_walls(
     beyond: Callable[[Floats], Iterator[tuple[str, float]]],
     item: CheckedItem,
-    clearance: float,
+    clearances: Sequence[float],
     slack: float | None,
 ) -> Iterator[str]:
     """Yield the faults of an item in a container that is convex: its vertices decide.
@@ -268,10 +280,10 @@ def beyond_walls(
     ----------
     beyond : callable
         Yields each wall, and how far vertices (n, 3) reach beyond it, or less than 0.
-    clearance : float
-        As in `Container.faults`.
+    clearances : sequence of float
+        The smallest distance that the item may have from each wall.
     slack : float, optional
-        The same.
+        As in `Container.faults`.
 
     Yields
     ------
@@ -279,7 +291,7 @@ def beyond_walls(
         The predicates.
     """
     slack = item.tolerance if slack is None else slack
-    for wall, depth in beyond(item.vertices):
+    for clearance, (wall, depth) in zip(clearances, beyond(item.vertices), strict=True):
         if not depth + clearance <= slack:
             if clearance and depth <= 0:
                 yield f"is {-depth:.3g} from {wall}: less than the clearance of {clearance:.3g}"

@@ -13,6 +13,7 @@ from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts.packings.bounds import LENGTHS
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import ROUNDING, Measured, beyond_walls, fixed_in_place
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.rotation_sets import FIXED
 
@@ -107,18 +108,22 @@ class CylinderContainer:
         yield "the cylinder's top", float(heights.max() - self.height)
 
     def faults(
-        self, item: CheckedItem, clearance: float = 0.0, slack: float | None = None
+        self,
+        item: CheckedItem,
+        clearance: float | WallClearance = 0.0,
+        slack: float | None = None,
     ) -> Iterator[str]:
         """Yield the walls that an item reaches beyond, or comes too close to."""
-        yield from beyond_walls(self.beyond, item, clearance, slack)
+        own = WallClearance.of(clearance)
+        yield from beyond_walls(self.beyond, item, (own.sides, own.floor, own.top), slack)
 
-    def walls(self, margin: float = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
+    def walls(self, margin: float | WallClearance = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
         """Return what is around it in the four corners of a square.
 
         Parameters
         ----------
-        margin : float
-            The smallest distance from the walls.
+        margin : float or WallClearance
+            The smallest distance from the walls; only that from the round one counts.
         gap : float
             The distance that the search keeps from the corners, which are that much farther out.
 
@@ -128,7 +133,7 @@ class CylinderContainer:
             The corners.
         """
         radius = self.diameter / 2
-        inner = radius - margin + gap
+        inner = radius - WallClearance.of(margin).sides + gap
         angles = np.linspace(math.pi / 2, 0, CORNERS // 4 + 1)
         arc = inner * np.column_stack((np.cos(angles), np.sin(angles)))
         outline = np.concatenate((((inner, inner),), arc))
@@ -143,9 +148,11 @@ class CylinderContainer:
         """Return the same cylinder with these obstacles."""
         return replace(self, obstacles=tuple(obstacles))
 
-    def has_space(self, part: Measured, margin: float, factor: float = 1.0) -> bool:
+    def has_space(self, part: Measured, margin: float | WallClearance, factor: float = 1.0) -> bool:
         """Return whether a part fits in one of its rotations, by the circles around it."""
-        across, up = (side * (1 + ROUNDING) - 2 * margin for side in (self.diameter, self.height))
+        own = WallClearance.of(margin)
+        across = self.diameter * (1 + ROUNDING) - 2 * own.sides
+        up = self.height * (1 + ROUNDING) - own.floor - own.top
         fits = (part.circles * factor <= across) & (part.sides[:, 2] * factor <= up)
         return bool(fits.any())
 

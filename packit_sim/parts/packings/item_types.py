@@ -13,13 +13,14 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.caches import cached_property
+from packit_sim.core.checks import check_range
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.repair import clean_mesh, repair_mesh
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.packings import rotation_sets
-from packit_sim.parts.packings.bounds import LENGTHS, MAX_LENGTH
+from packit_sim.parts.packings.bounds import DISTANCES, LENGTHS, MAX_LENGTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,8 @@ class ItemType:
     repaired : bool
         Whether the mesh's winding is made consistent and its small holes are filled (see
         `repair_mesh`).
+    clearance : float, optional
+        The smallest distance to other items, if it is larger than that of the packing.
 
     Attributes
     ----------
@@ -59,7 +62,7 @@ class ItemType:
     MeshError
         If the mesh is empty, not finite, too large or small, or without extent along an axis.
     ArgumentError
-        If the demand, the rotations or the value are not possible.
+        If the demand, the rotations, the value or the clearance are not possible.
 
     Examples
     --------
@@ -82,6 +85,7 @@ class ItemType:
     file: Path | None = None
     known_volume: InitVar[float | None] = None
     repaired: InitVar[bool] = False
+    clearance: float | None = None
     volume: float = field(init=False)
 
     def __post_init__(self, known_volume: float | None, repaired: bool) -> None:
@@ -109,6 +113,8 @@ class ItemType:
                 f"item type {self.name!r}: a value of {self.value!r} is not possible: "
                 "at least 0, finite"
             )
+        if self.clearance is not None:
+            check_range(f"item type {self.name!r}: a clearance of", self.clearance, DISTANCES)
         rotation_sets.check(self.rotations)
         object.__setattr__(self, "demand", demand)
 
@@ -180,7 +186,11 @@ class ItemType:
         )
 
     def changed(
-        self, demand: int | None = None, rotations: str | None = None, value: float | None = None
+        self,
+        demand: int | None = None,
+        rotations: str | None = None,
+        value: float | None = None,
+        clearance: float | None = None,
     ) -> ItemType:
         """Return a type of the same mesh, whose checks and measures are not repeated.
 
@@ -192,6 +202,8 @@ class ItemType:
             Its rotations; by default the same.
         value : float, optional
             Its value; by default the same.
+        clearance : float, optional
+            Its clearance; by default the same.
 
         Returns
         -------
@@ -201,10 +213,11 @@ class ItemType:
         Raises
         ------
         ArgumentError
-            If the demand, the rotations or the value are not possible.
+            If a setting is not possible.
         """
         new = copy(self)
         settings = {"demand": demand, "rotations": rotations, "value": value}
+        settings["clearance"] = clearance
         for name, setting in settings.items():
             if setting is not None:
                 object.__setattr__(new, name, setting)

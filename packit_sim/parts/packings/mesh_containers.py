@@ -20,6 +20,7 @@ from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.checked_meshes import checked_mesh
 from packit_sim.parts.packings.complements import CROSSES, complement
 from packit_sim.parts.packings.containers import Measured, fixed_in_place, in_bounding_box
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.rotation_sets import FIXED
@@ -139,9 +140,13 @@ class MeshContainer:
         return Motion.shift(-self.mesh.low)
 
     def faults(
-        self, item: CheckedItem, clearance: float = 0.0, slack: float | None = None
+        self,
+        item: CheckedItem,
+        clearance: float | WallClearance = 0.0,
+        slack: float | None = None,
     ) -> Iterator[str]:
         """Yield what is wrong with the place of an item, by its mesh and the container's."""
+        clearance = WallClearance.of(clearance).largest
         wall = "the container's wall"
         depth = float(np.maximum(-item.low, item.high - self.size).max())
         if not depth <= item.tolerance:
@@ -196,13 +201,13 @@ class MeshContainer:
         """The corners (m, 3, 3) of its triangles, from the middle of its bounding box."""
         return (self.mesh.vertices - self.mesh.middle)[self.mesh.faces]
 
-    def walls(self, margin: float = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
+    def walls(self, margin: float | WallClearance = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
         """Return the bodies around it; see `complement`.
 
         Parameters
         ----------
-        margin : float
-            The smallest distance from the walls.
+        margin : float or WallClearance
+            The smallest distance from the walls, of which the largest counts.
         gap : float
             The distance that the search keeps from the bodies.
 
@@ -220,7 +225,8 @@ class MeshContainer:
         """
         vertices = self.mesh.vertices - self.mesh.low
         with located(f"container {self.mesh.name!r}", ArgumentError):
-            bodies = complement(vertices, self.mesh.faces, max(0.0, margin - gap))
+            more = max(0.0, WallClearance.of(margin).largest - gap)
+            bodies = complement(vertices, self.mesh.faces, more)
         return tuple(
             ItemType(f"wall {n}", *body, rotations=FIXED) for n, body in enumerate(bodies, start=1)
         )
@@ -231,6 +237,6 @@ class MeshContainer:
         object.__setattr__(new, "obstacles", fixed_in_place(obstacles))
         return new
 
-    def has_space(self, part: Measured, margin: float, factor: float = 1.0) -> bool:
+    def has_space(self, part: Measured, margin: float | WallClearance, factor: float = 1.0) -> bool:
         """Return whether a part fits into its bounding box in one of its rotations."""
         return in_bounding_box(self.size, part, margin, factor)

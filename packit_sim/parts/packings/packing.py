@@ -17,6 +17,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import Container
+from packit_sim.parts.packings.distances import stretch
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing_files import read_packing, write_packing
 from packit_sim.parts.packings.placements import Placement
@@ -38,17 +39,20 @@ class Packing:
     placements : tuple of Placement
         The placed items.
     clearance : float
-        The smallest distance between the surfaces of two items.
+        The smallest distance between the surfaces of two items, unless an item type has a larger
+        one.
     objective : str
         "strip", "knapsack" or "bins".
     containers : tuple of BoxContainer, CylinderContainer or MeshContainer
         That of each box, if there are several sizes; empty if all are like `container`.
+    clearance_z : float, optional
+        The smallest distance along z, if it is another one (see `distances.stretch`).
 
     Raises
     ------
     ArgumentError
         If a placement is of no type or in no box, an objective is unknown or does not fit the
-        container, or the clearance is negative or not finite.
+        container, or a clearance is not possible.
 
     Examples
     --------
@@ -73,6 +77,7 @@ class Packing:
     clearance: float = 0.0
     objective: str = "strip"
     containers: tuple[Container, ...] = ()
+    clearance_z: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "types", tuple(self.types))
@@ -84,6 +89,7 @@ class Packing:
         if self.container.is_strip and self.objective != "strip":
             raise ArgumentError(f"objective {self.objective!r} needs a box with a height")
         check_range("clearance", self.clearance, Range(0, ends="[)"))
+        stretch(self.clearance, self.clearance_z)
         for number, placement in enumerate(self.placements):
             if not 0 <= placement.type < len(self.types):
                 raise ArgumentError(
@@ -178,7 +184,8 @@ class Packing:
         obstacles = [
             CheckedItem(each.name, each, Placement(0), unit) for each in container.obstacles
         ]
-        return validity.problems(items, container, self.clearance, obstacles)
+        factor = stretch(self.clearance, self.clearance_z)
+        return validity.problems(items, container, self.clearance, obstacles, factor)
 
     def write(self, path: Path | str) -> None:
         """Write the packing as JSON that `packit verify` checks.
@@ -194,7 +201,7 @@ class Packing:
             If a file can't be written.
         """
         placed = self.types, self.container, self.placements, self.clearance
-        write_packing(path, *placed, self.containers)
+        write_packing(path, *placed, self.containers, self.clearance_z)
 
     @classmethod
     def read(cls, path: Path | str) -> Packing:
@@ -219,6 +226,6 @@ class Packing:
         ArgumentError
             If a pose shears or mirrors.
         """
-        types, container, placements, clearance, containers = read_packing(path)
+        types, container, placements, clearance, several, clearance_z = read_packing(path)
         objective = "strip" if container.is_strip else "bins"
-        return cls(types, container, placements, clearance, objective, containers)
+        return cls(types, container, placements, clearance, objective, several, clearance_z)

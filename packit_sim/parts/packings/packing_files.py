@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 
 from packit_sim.core import typed_json
 from packit_sim.core.check_reports import FileProblem, Report, named
-from packit_sim.core.errors import MeshError, PackFormatError, located
+from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text, require_same
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats, Ints
@@ -29,6 +29,7 @@ from packit_sim.parts.packings.container_files import (
     recorded_container,
 )
 from packit_sim.parts.packings.containers import Container
+from packit_sim.parts.packings.distances import stretch
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.packings.mesh_paths import file_inside, is_inside
@@ -70,6 +71,8 @@ def verify_packing(file: Path | str) -> Report:
       bounding box; null or missing for a box. `containers` are those of `boxes`, in their order.
     - `unit`: the name of the unit of length; it has no influence.
     - `clearance`: the smallest distance between the surfaces of two items; by default 0.
+    - `clearance z`: the same along z, if it is another one (see `distances.stretch`).
+    - `clearance` of an item or obstacle: its own smallest distance to others, if it is larger.
     - `mesh`: a file of one of `mesh_files.SUFFIXES`, by its path from the packing's folder, with
       "/" between folders, and inside that folder.
     - `obstacles`: meshes that are in every box, each with its `mesh` and `pose`; by default none.
@@ -86,7 +89,8 @@ def verify_packing(file: Path | str) -> Report:
     packing = _read(file)
     container, several = _containers(packing, file.parent)
     containers = dict(enumerate(several))
-    load = cache(lambda mesh: ItemType.from_file(file_inside(file.parent, mesh)))
+    factor = stretch(packing.clearance, packing.clearance_z)
+    load = cache(lambda *own: _item_type(file.parent, *own))
     found: list[str] = []
     items: list[CheckedItem] = []
     obstacles: list[CheckedItem] = []
@@ -104,17 +108,19 @@ def verify_packing(file: Path | str) -> Report:
             box = posed.box if isinstance(posed, _PackingItem) else 0
             longest = containers.get(box, container).longest
             placement = Placement.from_matrix(0, pose, box)
-            kind.append(CheckedItem(name, load(posed.mesh), placement, longest))
+            own = load(posed.mesh, posed.clearance)
+            kind.append(CheckedItem(name, own, placement, longest))
         except MeshError as error:
             found.append(f"{name} has no mesh: {error}")
     used = sorted({item.box for item in packing.items})
     if containers:
         for box in used:
-            own = [item for item in items if item.box == box]
-            found += validity.problems(own, containers[box], packing.clearance, obstacles)
+            inside = [item for item in items if item.box == box]
+            known = inside, containers[box], packing.clearance, obstacles, factor
+            found += validity.problems(*known)
         space = plain_sum(containers[box].volume for box in used)
     else:
-        found += validity.problems(items, container, packing.clearance, obstacles)
+        found += validity.problems(items, container, packing.clearance, obstacles, factor)
         space = container.volume * len(used)
     if container.is_strip and not containers:
         x, y, _ = container.size
@@ -130,6 +136,7 @@ _Placed = tuple[
     tuple[Placement, ...],
     float,
     tuple[Container, ...],
+    float | None,
 ]
 
 
@@ -157,17 +164,21 @@ def read_packing(file: Path | str) -> _Placed:
     """
     file = Path(file)
     packing = _read(file)
-    load = cache(lambda mesh: ItemType.from_file(file_inside(file.parent, mesh)))
-    meshes = list(dict.fromkeys(item.mesh for item in packing.items))
-    types = tuple(map(load, meshes))
-    numbers = {mesh: n for n, mesh in enumerate(meshes)}
+    load = cache(lambda *own: _item_type(file.parent, *own))
+    kinds = list(dict.fromkeys((item.mesh, item.clearance) for item in packing.items))
+    types = tuple(load(*kind) for kind in kinds)
+    numbers = {kind: n for n, kind in enumerate(kinds)}
     placements = tuple(
-        Placement.from_matrix(numbers[item.mesh], np.array(item.pose), item.box)
+        Placement.from_matrix(numbers[item.mesh, item.clearance], np.array(item.pose), item.box)
         for item in packing.items
     )
-    obstacles = tuple(_in_place(load(each.mesh), each) for each in packing.obstacles)
+    obstacles = tuple(_in_place(load(each.mesh, None), each) for each in packing.obstacles)
     container, containers = _containers(packing, file.parent, obstacles)
-    return types, container, placements, packing.clearance, containers
+    return types, container, placements, packing.clearance, containers, packing.clearance_z
+
+
+def _item_type(folder: Path, mesh: str, clearance: float | None) -> ItemType:
+    return ItemType.from_file(file_inside(folder, mesh)).changed(clearance=clearance)
 
 
 def _containers(
@@ -190,6 +201,7 @@ def write_packing(
     placements: Sequence[Placement],
     clearance: float,
     containers: Sequence[Container] = (),
+    clearance_z: float | None = None,
 ) -> None:
     """Write a packing as `verify_packing` reads it.
 
@@ -206,6 +218,8 @@ def write_packing(
         The smallest distance between the surfaces of two items.
     containers : sequence of Container
         That of each box, if there are several sizes.
+    clearance_z : float, optional
+        The smallest distance along z, if it is another one.
 
     Raises
     ------
@@ -224,6 +238,7 @@ def write_packing(
             "mesh": meshes[placement.type],
             "box": placement.box,
             "pose": placement.matrix.tolist(),
+            **own_clearance(types[placement.type]),
         }
         for placement in placements
     ]
@@ -233,6 +248,8 @@ def write_packing(
         "clearance": clearance,
         "items": items,
     }
+    if clearance_z is not None:
+        packing["clearance z"] = clearance_z
     if form_of(container) != "box":
         packing["container"] = _form(container, path)
     if containers:
@@ -242,10 +259,20 @@ def write_packing(
     if container.obstacles:
         identity = IDENTITY.matrix.tolist()
         packing["obstacles"] = [
-            {"name": each.name, "mesh": _mesh_path(each, path), "pose": identity}
+            {
+                "name": each.name,
+                "mesh": _mesh_path(each, path),
+                "pose": identity,
+                **own_clearance(each),
+            }
             for each in container.obstacles
         ]
     replace_text(path, json.dumps(packing, indent=1, ensure_ascii=False) + "\n")
+
+
+def own_clearance(item_type: ItemType) -> dict[str, float]:
+    """Return the field of an item that has a clearance of its own."""
+    return {} if item_type.clearance is None else {"clearance": item_type.clearance}
 
 
 def _form(container: Container, path: Path) -> dict[str, Any] | None:
@@ -313,6 +340,7 @@ def obj_text(vertices: Floats, faces: Ints) -> str:
 class _Obstacle(Struct):
     mesh: str
     pose: PoseRows
+    clearance: Annotated[float, Meta(ge=0, lt=MAX_LENGTH)] | None = None
 
 
 class _PackingItem(_Obstacle):
@@ -330,6 +358,7 @@ class _Packing(Struct):
     obstacles: tuple[_Obstacle, ...] = ()
     unit: str = ""
     clearance: Annotated[float, Meta(ge=0, lt=MAX_LENGTH)] = 0.0
+    clearance_z: float | None = field(default=None, name="clearance z")
 
 
 def _read(file: Path) -> _Packing:
@@ -342,6 +371,10 @@ def _read(file: Path) -> _Packing:
                     f"field 'items[{n}].box' is {item.box}: there are {len(packing.boxes)} boxes"
                 )
             _check_path(f"items[{n}].mesh", item.mesh)
+        try:
+            stretch(packing.clearance, packing.clearance_z)
+        except ArgumentError as error:
+            raise PackFormatError(f"field 'clearance z': {error}") from None
         for n, obstacle in enumerate(packing.obstacles):
             _check_path(f"obstacles[{n}].mesh", obstacle.mesh)
         if packing.containers and len(packing.containers) != len(packing.boxes):
@@ -358,7 +391,7 @@ def _read(file: Path) -> _Packing:
 def _in_place(own: ItemType, obstacle: _Obstacle) -> ItemType:
     """Return an obstacle of a packing, in the container's coordinates."""
     vertices = Placement.from_matrix(0, np.array(obstacle.pose)).apply(own.vertices)
-    return ItemType(own.name, vertices, own.faces)
+    return ItemType(own.name, vertices, own.faces, clearance=obstacle.clearance)
 
 
 def _check_path(field: str, mesh: str) -> None:

@@ -29,7 +29,7 @@ def check(name: str) -> None:
     """Raise ArgumentError, which lists the valid forms, if a name is none of a set."""
     if name not in (FIXED, "cube", FREE) and _steps(name) is None:
         raise ArgumentError(
-            f"rotations {name!r} are not known: choose from fixed, yaw-N, axis-N "
+            f"rotations {name!r} are not known: choose from fixed, yaw-N, flip-N, axis-N "
             f"(N steps of a full turn, 1 to {MAX_STEPS}), cube, {FREE}"
         )
 
@@ -40,8 +40,9 @@ def matrices(name: str) -> Floats:
     Parameters
     ----------
     name : str
-        `fixed`; `yaw-n`: n steps about z; `axis-n`: one turn by a multiple of 360 / n degrees about
-        one of the three coordinate axes; or `cube`: the 24 proper rotations of the cube.
+        `fixed`; `yaw-n`: n steps about z; `flip-n`: the same, and upside down; `axis-n`: one turn
+        by a multiple of 360 / n degrees about one of the three coordinate axes; or `cube`: the 24
+        proper rotations of the cube.
 
     Returns
     -------
@@ -72,6 +73,8 @@ def _matrices(name: str) -> Floats:
             _turn(axis, step, int(steps)) for axis, step in turns if kind == "axis" or axis == 2
         ]
         found = np.array([np.eye(3), *kept])
+        if kind == "flip":
+            found = np.concatenate((found, found @ np.diag((1.0, -1.0, -1.0)) + 0.0))
     found.setflags(write=False)
     return found
 
@@ -88,6 +91,6 @@ def _turn(axis: int, step: int, steps: int) -> Floats:
 
 
 def _steps(name: str) -> int | None:
-    match = re.fullmatch(r"(?:yaw|axis)-([1-9][0-9]{0,2})", str(name))
+    match = re.fullmatch(r"(?:yaw|flip|axis)-([1-9][0-9]{0,2})", str(name))
     steps = int(match[1]) if match else 0
     return steps if 1 <= steps <= MAX_STEPS else None

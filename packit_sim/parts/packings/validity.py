@@ -26,7 +26,11 @@ def outside(item: CheckedItem, container: Container) -> Iterator[str]:
 
 
 def pair_problems(
-    one: CheckedItem, other: CheckedItem, clearance: float = 0.0, slack: float | None = None
+    one: CheckedItem,
+    other: CheckedItem,
+    clearance: float = 0.0,
+    slack: float | None = None,
+    stretch: float = 1.0,
 ) -> Iterator[str]:
     """Yield a sentence for each problem of two items.
 
@@ -37,9 +41,11 @@ def pair_problems(
     other : CheckedItem
         Another, in the same container.
     clearance : float
-        The smallest distance that their surfaces may have.
+        The smallest distance that their surfaces may have, unless one of their own is larger.
     slack : float, optional
         How much smaller it may be; by default the tolerance of the pair.
+    stretch : float
+        By what lengths along z are multiplied before the distance is measured.
 
     Yields
     ------
@@ -54,7 +60,9 @@ def pair_problems(
     voxel that the other item encloses either, of 1/200 of its longest side. The tolerance of a pair
     is the smaller one of the two.
     """
+    clearance = max(clearance, one.clearance, other.clearance)
     gaps = np.maximum(one.low, other.low) - np.minimum(one.high, other.high)
+    gaps *= (1, 1, stretch)
     overlap = bool((gaps < 0).all())
     if not overlap and np.linalg.norm(np.maximum(gaps, 0)) >= clearance:
         return
@@ -76,8 +84,11 @@ def pair_problems(
         if inside or around:
             return
     if clearance > 0:
-        _, far = other.seen_from(one, smaller)
-        distance = mesh.whole_surface.distance(other_mesh.whole_surface, far, turn) * smaller
+        if stretch == 1:
+            _, far = other.seen_from(one, smaller)
+            distance = mesh.whole_surface.distance(other_mesh.whole_surface, far, turn) * smaller
+        else:
+            distance = one.stretched_distance(other, stretch)
         if not distance >= clearance - (smaller if slack is None else slack):
             yield (
                 f"{other.name} is {max(distance, 0.0):.3g} from {one.name}: "
@@ -90,6 +101,7 @@ def problems(
     container: Container,
     clearance: float = 0.0,
     obstacles: Sequence[CheckedItem] = (),
+    stretch: float = 1.0,
 ) -> list[str]:
     """Check placed items.
 
@@ -99,6 +111,8 @@ def problems(
         The smallest distance that the surfaces of two items may have.
     obstacles : sequence of CheckedItem
         What is in each container, and may itself be anywhere.
+    stretch : float
+        By what lengths along z are multiplied before distances are measured.
 
     Returns
     -------
@@ -106,7 +120,8 @@ def problems(
         A sentence for each problem, and after `MAX_PROBLEMS` one that there may be more; empty if
         the packing is valid.
     """
-    found = list(islice(_problems(list(items), container, clearance, obstacles), MAX_PROBLEMS))
+    every = _problems(list(items), container, clearance, obstacles, stretch)
+    found = list(islice(every, MAX_PROBLEMS))
     if len(found) == MAX_PROBLEMS:
         found.append(f"there may be more: the check ended after {MAX_PROBLEMS} problems")
     return found
@@ -117,17 +132,19 @@ def _problems(
     container: Container,
     clearance: float,
     obstacles: Sequence[CheckedItem],
+    stretch: float,
 ) -> Iterator[str]:
     for item in items:
         yield from outside(item, container)
     low, high = (np.array([getattr(b, end) for b in items]) for end in ("low", "high"))
     boxes = np.array([item.box for item in items])
+    largest = max((clearance, *(item.clearance for item in items)))
     for n, one in enumerate(items[:-1]):
         rest = slice(n + 1, None)
         gaps = np.maximum(low[n], low[rest]) - np.minimum(high[n], high[rest])
-        near = (gaps <= clearance).all(axis=1) & (boxes[rest] == one.box)
+        near = (gaps * (1, 1, stretch) <= largest).all(axis=1) & (boxes[rest] == one.box)
         for m in np.flatnonzero(near).tolist():
-            yield from pair_problems(one, items[n + 1 + m], clearance)
+            yield from pair_problems(one, items[n + 1 + m], clearance, stretch=stretch)
     for obstacle in obstacles:
         for item in items:
-            yield from pair_problems(obstacle, item, clearance)
+            yield from pair_problems(obstacle, item, clearance, stretch=stretch)

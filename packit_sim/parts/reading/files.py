@@ -13,7 +13,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
+from packit_sim.core.errors import ArgumentError, LibraryError, MeshError, located
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.files import exists
 from packit_sim.core.length_units import UNITS_CM, Unit
@@ -25,7 +25,7 @@ from packit_sim.parts.packings.bounds import COUNTS, LENGTHS
 from packit_sim.parts.reading.file_copies import FileCopies, FileCopy
 from packit_sim.parts.reading.manifest import MANIFESTS, SURPLUS, ManifestRow, read_manifest
 from packit_sim.parts.reading.part import Part, rotation_set
-from packit_sim.parts.reading.units import check_unit
+from packit_sim.parts.reading.units import check_unit, lengths, unit_of
 
 _COUNTED = re.compile(r"(?P<path>.+)=(?P<count>\d{1,30}|max|fill)")
 
@@ -257,8 +257,12 @@ def _parts(
         if options.get("as_many_as_fit"):
             options["count"] = min(options["count"], int(COUNTS.high))
         unit = options.pop("unit", None)
+        clearance = options.pop("clearance", None)
         notes += [f"{row.file.name}: {note}" for note in each.raw.notes]
         known, unit_cm = _unit(each.raw.unit_cm, str(unit or settings.unit))
+        if clearance is not None:
+            with located("clearance", ArgumentError):
+                options["clearance"] = _own_length(clearance, known, unit_cm)
         found.append(
             Part(
                 name,
@@ -274,6 +278,13 @@ def _parts(
             )
         )
     return found
+
+
+def _own_length(text: str, unit: Unit, unit_cm: float | None) -> float:
+    """Read a length in a file's unit, which a text without one has."""
+    if unit_of(text) is None:
+        return lengths(text, 1, unit)[0]
+    return lengths(text, 1, unit)[0] * (1.0 if unit_cm is None else UNITS_CM[unit] / unit_cm)
 
 
 def _unit(unit_cm: float | None, assumed: str) -> tuple[Unit, float | None]:

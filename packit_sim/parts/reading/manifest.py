@@ -38,6 +38,14 @@ def _yes_or_no(value: object) -> bool:
     raise ValueError
 
 
+def _length(value: object) -> str:
+    """Return a length as text, whose unit may be that of a file."""
+    return str(value)
+
+
+_LENGTH = re.compile(r"\s*([\d.,]+)(\s*[a-zµ]*)\s*")
+"""A length: a number as tables have it, and perhaps a unit."""
+
 SURPLUS: Mapping[str, Mapping[str, Any]] = {
     "max": {"count": int(COUNTS.high), "as_many_as_fit": True},
     "fill": {
@@ -60,6 +68,8 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
     "no_stack": _yes_or_no,
     "max_load": float,
     "unit": check_unit,
+    "clearance": _length,
+    "group": str,
 }
 """The fields of a part."""
 
@@ -79,7 +89,7 @@ SYNONYMS = {
 }
 """Other headings of fields, without spaces and in lower case."""
 
-_UNITS = {"mass": ("g",), "density": ("g/cm3", "g/cm³"), "max_load": ("g",)}
+_UNITS = {"mass": ("g",), "density": ("g/cm3", "g/cm³"), "max_load": ("g",), "clearance": ()}
 """The unit that a heading may have in brackets, such as "Mass (g)"."""
 
 
@@ -210,14 +220,17 @@ def _field(path: Path, text: str) -> str | None:
         return None
     name = known[short]
     if unit is not None and name in _UNITS and unit not in _UNITS[name]:
-        raise ArgumentError(f"{path}: column {text!r}: its unit must be {_UNITS[name][0]}")
+        must = f"its unit must be {_UNITS[name][0]}" if _UNITS[name] else "units are in its cells"
+        raise ArgumentError(f"{path}: column {text!r}: {must}")
     return name
 
 
 def _is_comma(table: Table, names: list[str | None]) -> bool:
-    columns = [n for n, name in enumerate(names) if name and _FIELDS[name] in (int, float)]
+    numeric = (int, float, _length)
+    columns = [n for n, name in enumerate(names) if name and _FIELDS[name] in numeric]
     cells = (row[n] for _, row in table.rows for n in columns if n < len(row))
-    return has_decimal_commas(cells, table.is_semicolon)
+    numbers = (_LENGTH.sub(r"\1", each) if isinstance(each, str) else each for each in cells)
+    return has_decimal_commas(numbers, table.is_semicolon)
 
 
 def _table_entries(
@@ -291,6 +304,8 @@ def _value(name: str, value: Any, is_comma: bool) -> object:
         value = int(value) if value.is_integer() else value
     if isinstance(value, str):
         value = value.strip()
+    if kind is _length and (match := _LENGTH.fullmatch(str(value))):
+        return f"{as_number(match[1], is_comma)!r}{match[2]}"
     if kind is float:
         return as_number(value, is_comma)
     if kind is int and not isinstance(value, int):

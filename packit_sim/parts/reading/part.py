@@ -82,8 +82,8 @@ class Part:
     value : float, optional
         Its value, 0 to 1e12, for the objective "value"; without one it counts as 1 there.
     rotations : str
-        How it may turn, from its orientation in the file: fixed, yaw-N, axis-N, cube, free, or
-        upright.
+        How it may turn, from its orientation in the file: fixed, yaw-N, flip-N, axis-N, cube, free,
+        or upright.
     priority : int
         Parts of a higher priority are packed first.
     mass : float, optional
@@ -109,6 +109,10 @@ class Part:
     deviation : float
         No point of the file's surface is farther from the mesh, in the mesh's unit: 0 but for
         tessellations of CAD files.
+    clearance : float, optional
+        The smallest distance to other parts, if it is larger than that of all, in the mesh's unit.
+    group : str, optional
+        The group of parts that it belongs to, such as an order or a material.
 
     Raises
     ------
@@ -146,9 +150,13 @@ class Part:
     node: str | None = None
     deviation: float = 0.0
     as_many_as_fit: bool = False
+    clearance: float | None = None
+    group: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", plain_line(self.name))
+        if self.group is not None:
+            object.__setattr__(self, "group", plain_line(self.group) or None)
         where = f"part {self.name!r}:"
         count = as_integer(f"{where} count", self.count)
         check_range(f"{where} count", count, COUNTS)
@@ -158,6 +166,8 @@ class Part:
             if getattr(self, name) is not None:
                 check_range(f"{where} {name}", getattr(self, name), valid)
         check_range(f"{where} deviation", self.deviation, DISTANCES)
+        if self.clearance is not None:
+            check_range(f"{where} clearance", self.clearance, DISTANCES)
         if self.up not in UP_AXES:
             raise ArgumentError(f"{where} up axis {self.up!r}: choose from {', '.join(UP_AXES)}")
         check_unit(self.unit)
@@ -195,6 +205,10 @@ class Part:
         sha.update(repr((self.name, settings, loads)).encode())
         if self.as_many_as_fit:
             sha.update(b"as many as fit")
+        if self.clearance is not None:
+            sha.update(repr(("clearance", self.clearance)).encode())
+        if self.group is not None:
+            sha.update(repr(("group", self.group)).encode())
         return sha.hexdigest()
 
     @property

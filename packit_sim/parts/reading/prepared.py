@@ -111,6 +111,11 @@ class PreparedPart:
         return np.array([_circle(vertices @ turn.T) for turn in searched_rotations(self.item_type)])
 
     @property
+    def clearance(self) -> float | None:
+        """The smallest distance to other parts, if it has one of its own."""
+        return None if self.part.clearance is None else self.part.clearance * self.scale
+
+    @property
     def mass(self) -> float | None:
         """The grams of one of it, if its mass or density is known."""
         if self.part.mass is not None or self.part.density is None:

@@ -11,6 +11,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.cylinders import CylinderContainer
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.prepared import PreparedPart
@@ -23,7 +24,7 @@ _TINY = 0.005
 """A part's longest side, relative to the box's, below which its unit is doubtful."""
 
 
-def fits(part: PreparedPart, box: BoxType, margin: float, factor: float = 1.0) -> bool:
+def fits(part: PreparedPart, box: BoxType, margin: WallClearance, factor: float = 1.0) -> bool:
     """Return whether a part, enlarged by a factor, may fit into a box within its margin.
 
     The box's limits are not considered.
@@ -32,14 +33,14 @@ def fits(part: PreparedPart, box: BoxType, margin: float, factor: float = 1.0) -
 
 
 def too_large(
-    part: PreparedPart, boxes: Sequence[BoxType], margin: float, unit: Unit
+    part: PreparedPart, boxes: Sequence[BoxType], margin: WallClearance, unit: Unit
 ) -> str | None:
     """Explain why a part fits into no box.
 
     Parameters
     ----------
-    margin : float
-        The distance that the walls keep.
+    margin : WallClearance
+        The distances that the walls keep.
     unit : str
         The unit of lengths.
 
@@ -57,8 +58,8 @@ def too_large(
         return None
     reason = f"{lengths_text(part.item_type.extents)} {unit} is larger than "
     reason += "every box" if len(boxes) > 1 else _the_only(boxes[0], unit)
-    if any(fits(part, box, 0.0) for box in boxes):
-        reason += f" with {margin:.4g} {unit} at each wall"
+    if any(fits(part, box, WallClearance()) for box in boxes):
+        reason += f" with {margin.text(unit)}"
     elif any(_fits_in_some_rotation(part, box) for box in boxes):
         reason += f" in its rotations ({part.part.rotations})"
     else:
@@ -75,7 +76,7 @@ def too_large(
 
 
 def unit_notes(
-    parts: Sequence[PreparedPart], boxes: Sequence[BoxType], margin: float, unit: Unit
+    parts: Sequence[PreparedPart], boxes: Sequence[BoxType], margin: WallClearance, unit: Unit
 ) -> list[str]:
     """Name parts that are so small that their unit may be wrong.
 
@@ -83,8 +84,8 @@ def unit_notes(
     ----------
     parts : sequence of PreparedPart
         The parts, which fit.
-    margin : float
-        The distance that the walls keep.
+    margin : WallClearance
+        The distances that the walls keep.
     unit : str
         The unit of lengths.
 
@@ -121,7 +122,7 @@ def unit_notes(
     return notes
 
 
-def _larger(part: PreparedPart, boxes: Sequence[BoxType], margin: float) -> Unit | None:
+def _larger(part: PreparedPart, boxes: Sequence[BoxType], margin: WallClearance) -> Unit | None:
     """Return a larger unit in which a part would still fit."""
     for other in reversed(_MISTAKEN):
         larger = factor(other, part.part.unit)

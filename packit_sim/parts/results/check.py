@@ -27,9 +27,11 @@ from packit_sim.geometry.parts import by_part, part_numbers
 from packit_sim.geometry.winding import winding_numbers
 from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.cylinders import CylinderContainer
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.parts.results.reread_3mf import read_3mf
@@ -129,17 +131,24 @@ def _box(packed: PackedParts, number: int, progress: Progress) -> tuple[list[str
     outline = packed.task.outlines.get(container.name)
     wall = None if outline is None else _wall(outline, container.longest)
     for each in placed:
-        problems += _outside(each, container, wall, settings.wall_clearance)
+        problems += _outside(each, container, wall, packed.task.walls)
     first, second = np.triu_indices(len(placed), 1)
-    found, distance = _between(placed, first, second, settings.clearance, progress)
+    required = (settings.clearance, _stretch(settings))
+    found, distance = _between(placed, first, second, *required, progress)
     around = [
         *(_in_place(each, container.longest, "kept free") for each in packed.task.keep_out),
         *(_in_place(each, container.longest, "fixed") for each in packed.task.fixed),
     ]
     outer, inner = np.indices((len(around), len(placed))).reshape(2, -1)
     inner += len(around)
-    further, _ = _between([*around, *placed], outer, inner, settings.clearance, progress)
+    further, _ = _between([*around, *placed], outer, inner, *required, progress)
     return [*problems, *found, *further], distance
+
+
+def _stretch(settings: PackSettings) -> float:
+    """Return the ratio of the distance that parts keep along x and y to that along z."""
+    across, along_z = settings.clearance, settings.clearance_z
+    return 1.0 if along_z is None or along_z == across else across / along_z
 
 
 def _in_place(part: PreparedPart, unit: float, where: str) -> _Placed:
@@ -224,6 +233,7 @@ class _Original:
         mesh = _read(part)
         used = np.asarray(mesh.vertices)[np.flatnonzero(np.bincount(mesh.faces.ravel()))]
         self.name = part.name
+        self.clearance = (part.clearance or 0.0) * scale
         middle = (used.min(axis=0) + used.max(axis=0)) / 2
         self.middle: Floats = middle * scale
         self.extents: Floats = np.ptp(used, axis=0) * scale
@@ -287,6 +297,22 @@ class _Placed:
         self.box_from_item = self.box_from_item.shifted(by)
         self.low, self.high = self.low + by, self.high + by
 
+    def distance(self, other: _Placed, stretch: float) -> float:
+        """Return the distance to another part, not below 0, after z is multiplied by a factor."""
+        unit = self.original.unit / SIZE
+        if stretch == 1:
+            found = self.original.surface.distance(other.original.surface, *other.seen_from(self))
+        else:
+            meshes = [
+                LooseMesh(
+                    (each.vertices - self.low) * (1, 1, stretch) / unit,
+                    np.asarray(each.original.mesh.faces, dtype=np.int64),
+                )
+                for each in (self, other)
+            ]
+            found = meshes[0].distance(meshes[1], (0, 0, 0))
+        return max(found * unit, 0.0)
+
     @property
     def vertices(self) -> Floats:
         """The vertices (n, 3) in the box."""
@@ -299,21 +325,29 @@ class _Placed:
 
 
 def _outside(
-    placed: _Placed, container: Container, wall: _Placed | None, clearance: float
+    placed: _Placed, container: Container, wall: _Placed | None, asked: WallClearance
 ) -> Iterator[str]:
     """Yield a sentence if a part is not inside its container, or too close to its walls."""
     low, high = placed.low, placed.high
-    size = np.array(container.size)
-    depth = float(np.maximum(clearance - low, high - (size - clearance)).max())
+    x, y, z = container.size
+    beyond = [(asked.sides, depth) for depth in (-low[0], -low[1], high[0] - x, high[1] - y)]
+    beyond += [(asked.floor, -low[2]), (asked.top, high[2] - z)]
     if isinstance(container, CylinderContainer):
         radius = container.diameter / 2
         from_axis = np.linalg.norm(placed.vertices[:, :2] - radius, axis=1)
-        depth = max(depth, float(from_axis.max() - (radius - clearance)))
-    slack = placed.original.tolerance if clearance == 0 else _ROUNDING * placed.original.unit
-    if not depth <= slack:
-        what = "the box" if clearance == 0 else f"the clearance of {clearance:.4g} to the walls"
+        beyond.append((asked.sides, from_axis.max() - radius))
+    unit = placed.original.unit
+    depths = [
+        (float(depth + own) - (placed.original.tolerance if own == 0 else _ROUNDING * unit), own)
+        for own, depth in beyond
+    ]
+    if not all(depth <= 0 for depth, _ in depths):
+        depth, own = max(depths)
+        what = "the box" if own == 0 else f"the clearance of {own:.4g} to the walls"
         yield f"{placed.name} reaches {depth:.3g} beyond {what}"
     elif wall is not None:
+        clearance = asked.largest
+        slack = placed.original.tolerance if clearance == 0 else _ROUNDING * unit
         yield from _beyond(placed, wall, clearance, slack)
 
 
@@ -342,27 +376,38 @@ def _beyond(placed: _Placed, wall: _Placed, clearance: float, slack: float) -> I
 
 
 def _between(
-    placed: Sequence[_Placed], first: Ints, second: Ints, clearance: float, progress: Progress
+    placed: Sequence[_Placed],
+    first: Ints,
+    second: Ints,
+    general: float,
+    stretch: float,
+    progress: Progress,
 ) -> tuple[list[str], float | None]:
-    """Return the problems of pairs (n,) and (n,) of parts, and the smallest distance."""
+    """Return the problems of pairs (n,) and (n,) of parts, and the smallest distance.
+
+    Distances are those after z is multiplied by a factor.
+    """
+    own = np.array([max(general, each.original.clearance) for each in placed])
+    needed = np.maximum(own[first], own[second])
     low = np.array([each.low for each in placed]).reshape(-1, 3)
     high = np.array([each.high for each in placed]).reshape(-1, 3)
     sides = np.maximum(low[first], low[second]) - np.minimum(high[first], high[second])
+    sides *= (1, 1, stretch)
     gaps, overlaps = np.linalg.norm(np.maximum(sides, 0), axis=1), (sides < 0).all(axis=1)
-    near = int(np.count_nonzero((gaps < clearance) | overlaps))
+    most = float(needed.max(initial=0.0))
+    near = int(np.count_nonzero((gaps < most) | overlaps))
     problems: list[str] = []
     least: float | None = None
     for n, pair in enumerate(np.argsort(gaps, kind="stable").tolist()):
         progress("checking the distances", min(n, near), near)
         one, other = placed[first[pair]], placed[second[pair]]
         gap, is_overlap = float(gaps[pair]), bool(overlaps[pair])
-        unit = one.original.unit
-        is_near = gap < clearance or is_overlap
+        unit, clearance = one.original.unit, float(needed[pair])
+        is_near = gap < most or is_overlap
         if not is_near and least is not None and gap >= least:
             break
         if clearance > 0 or least is None or least > 0:
-            distance = one.original.surface.distance(other.original.surface, *other.seen_from(one))
-            distance = max(distance * unit / SIZE, 0.0)
+            distance = one.distance(other, stretch)
             least = distance if least is None else min(least, distance)
             if clearance > 0 and not distance >= clearance - _ROUNDING * unit:
                 problems.append(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import to_builtins
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import claimed, replace_text, replacing
@@ -89,13 +90,15 @@ def write_record(
                     "mesh": meshes[one.type],
                     "box": number,
                     "pose": packed.pose(one).tolist(),
+                    **_clearance(packed.part(one)),
                 }
             )
     obstacles: list[dict[str, Any]] = []
     for each in task.obstacles:
         mesh = mesh_name(each.part)
         files[mesh] = _write_mesh(each.part, folder, earlier)
-        what = {"name": each.part.name, "is part": each in task.fixed}
+        what: dict[str, Any] = {"name": each.part.name, "is part": each in task.fixed}
+        what |= _clearance(each)
         obstacles.append({**what, "mesh": mesh, "pose": each.part.matrix(each.unit).tolist()})
     boxes = [packing.container for packing in packed.packings]
     outlines = {name: mesh_name(each.part) for name, each in task.outlines.items()}
@@ -110,7 +113,8 @@ def write_record(
         "box names": [box.name for box in boxes],
         "unit": task.unit,
         "clearance": task.settings.clearance,
-        "wall clearance": task.settings.wall_clearance,
+        "clearance z": task.settings.clearance_z,
+        "wall clearance": to_builtins(task.settings.wall_clearance),
         "objective": task.objective,
         "items": items,
         "obstacles": obstacles,
@@ -139,6 +143,11 @@ def write_record(
     for name in sorted(stale):
         (folder / name).unlink(missing_ok=True)
     return files
+
+
+def _clearance(part: PreparedPart) -> dict[str, float]:
+    """Return the field of an item that has a clearance of its own."""
+    return {} if part.clearance is None else {"clearance": part.clearance}
 
 
 def update_record(

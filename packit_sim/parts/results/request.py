@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct, to_builtins
 
-from packit_sim.core.choices import Goal
+from packit_sim.core.choices import Goal, GroupRule
 from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.mesh_files import read
@@ -17,6 +17,7 @@ from packit_sim.parts.filling.task import PackSettings, PackTask
 from packit_sim.parts.packings.bounds import Extent
 from packit_sim.parts.packings.container_files import FormName, form_of
 from packit_sim.parts.packings.cylinders import CylinderContainer
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.mesh_paths import file_inside
 from packit_sim.parts.reading.boxes import BoxType, MeshBox
 from packit_sim.parts.reading.file_copies import FileCopies
@@ -41,6 +42,10 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
         How far the mesh is from the surface of a CAD file, in the file's unit.
     as_many_as_fit : bool
         Whether the count is only the most of it.
+    clearance : float, optional
+        Its own smallest distance to others, in the file's unit.
+    group : str, optional
+        The group that it belongs to.
     """
 
     name: str
@@ -58,6 +63,8 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
     max_load: float | None
     deviation: float
     as_many_as_fit: bool = False  # earlier versions had no such parts
+    clearance: Annotated[float, Meta(ge=0)] | None = None  # nor this
+    group: str | None = None  # nor this
 
     def part(self, folder: Path, unit: Unit, copies: FileCopies) -> Part:
         """Read the part.
@@ -100,6 +107,8 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
             deviation=self.deviation,
             copy=copy,
             as_many_as_fit=self.as_many_as_fit,
+            clearance=self.clearance,
+            group=self.group,
         )
 
 
@@ -155,13 +164,15 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     unit: Unit
     objective: Goal
     clearance: float
-    wall_clearance: float
+    wall_clearance: float | WallClearance
     accuracy: float | None
     removable: bool
     insertable: bool
     stable: float | None
     constraints: tuple[str, ...]
     separable: bool = False  # earlier versions did not record it
+    clearance_z: float | None = None  # nor this
+    groups: tuple[GroupRule, ...] = ()  # nor this
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
@@ -169,7 +180,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
         Returns
         -------
         PackTask
-            The task; its objective is "volume", since the parts that decide may be left out.
+            The task; its objective is "volume" and it has no rules of groups, since the parts that
+            decide may be left out.
 
         Raises
         ------
@@ -192,6 +204,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
             keep_out=[each.part(folder, self.unit, copies) for each in self.keep_out],
             fixed=[each.part(folder, self.unit, copies) for each in self.fixed],
             workers=1,
+            clearance_z=self.clearance_z,
         )
         boxes = [each.box(folder, self.unit, copies) for each in self.boxes]
         packed = [each for each in self.parts if each.mesh is not None]
@@ -235,6 +248,8 @@ def request(
         settings.stable,
         tuple(repr(each) for each in settings.constraints),
         settings.separable,
+        settings.clearance_z,
+        tuple(settings.groups),  # type: ignore[arg-type]
     )
     built: dict[str, Any] = to_builtins(found)
     return built
@@ -267,4 +282,6 @@ def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str
         part.max_load,
         part.deviation,
         part.as_many_as_fit,
+        part.clearance,
+        part.group,
     )

@@ -26,7 +26,6 @@ from packit_sim.parts.packings import rotation_sets
 from packit_sim.parts.packings.bounds import PoseRows
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import Container
-from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.validity import pair_problems
 from packit_sim.parts.results.record import RECORD
@@ -94,7 +93,7 @@ def read_earlier(folder: Path, task: PackTask) -> PackedParts | None:
         if own:
             container = container_named(task, name)
             kept, conflicts = _without_conflicts(task, container, own)
-            packings.append(Packing(task.types, container, kept, task.gap, "knapsack"))
+            packings.append(task.packing(container, kept))
             faults += conflicts
     packed = candidate(task, packings, record.searches)
     faults += [(task.parts[n].part.name, reason) for n, reason in packed.rejected]
@@ -167,7 +166,7 @@ def container_named(task: PackTask, name: str) -> Container:
 
 def _placement(task: PackTask, number: int, pose: Floats, container: Container) -> Placement | str:
     """Return the placement of a part at a pose in a box, or the rule that it breaks."""
-    prepared, settings = task.parts[number], task.settings
+    prepared = task.parts[number]
     if fault := matrix_fault(pose):
         return f"its pose {fault}"
     motion, scale = motion_and_scale(pose)
@@ -182,8 +181,8 @@ def _placement(task: PackTask, number: int, pose: Floats, container: Container) 
         rotation = known[errors.argmin()]
     placement = Placement(number, Motion(rotation, motion.translation))
     item = CheckedItem(prepared.part.name, prepared.item_type, placement, container.longest)
-    margin = settings.wall_clearance + prepared.deviation
-    slack = ROUNDING * container.longest if settings.wall_clearance else item.tolerance
+    margin = task.walls.plus(prepared.deviation)
+    slack = ROUNDING * container.longest if task.walls.largest else item.tolerance
     fault = next(container.faults(item, margin, slack), None)
     return f"it {fault}" if fault else placement
 
@@ -206,9 +205,10 @@ def _without_conflicts(
         item = CheckedItem("it", task.types[placements[n].type], placements[n], unit)
         end = len(around)
         gaps = np.maximum(low[:end], item.low) - np.minimum(high[:end], item.high)
-        near = np.flatnonzero((gaps <= gap).all(axis=1)).tolist()
-        slack = ROUNDING * unit
-        conflicts = (each for m in near for each in pair_problems(around[m], item, gap, slack))
+        gaps *= (1, 1, task.stretch)
+        near = np.flatnonzero((gaps <= task.largest_gap).all(axis=1)).tolist()
+        how = gap, ROUNDING * unit, task.stretch
+        conflicts = (each for m in near for each in pair_problems(around[m], item, *how))
         if conflict := next(conflicts, None):
             faults.append((name, conflict))
             continue

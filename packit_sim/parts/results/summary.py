@@ -35,7 +35,8 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
     if found is not None and not found.problems:  # items in conflict are not linked but wrong
         texts["linked pairs"] = _linked(packed)
     if found is not None and found.distance is not None:
-        texts["smallest distance"] = f"{found.distance:.4g} {unit}"
+        stretched = f", with z times {task.stretch:.4g}" if task.stretch != 1 else ""
+        texts["smallest distance"] = f"{found.distance:.4g} {unit}{stretched}"
     texts["mass"] = "unknown" if packed.mass is None else f"{packed.mass:.5g} g"
     limits = [task.limits(each).text(task.masses_in(each)) for each in packed.packings]
     if any(limits):

@@ -20,6 +20,7 @@ from packit_sim.core.errors import MeshError, PackFormatError, PackItError, loca
 from packit_sim.core.files import digest_of
 from packit_sim.core.plain_text import listed
 from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.filling.groups import group_faults
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
@@ -27,6 +28,7 @@ from packit_sim.parts.handling.separability import links_of_items
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import PoseRows
 from packit_sim.parts.packings.container_files import RecordedForm
+from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.mesh_paths import file_inside
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import verify_packing
@@ -59,6 +61,7 @@ _SAME = 1e-6
 
 class _Item(RecordedItem):
     mesh: str
+    clearance: float | None = None
 
 
 class _Obstacle(Struct):
@@ -66,6 +69,7 @@ class _Obstacle(Struct):
     mesh: str
     pose: PoseRows
     is_part: bool = field(name="is part")
+    clearance: float | None = None
 
 
 class _LeftOut(Struct):
@@ -92,12 +96,13 @@ class _Record(Struct, rename=lambda name: name.replace("_", " ")):
     unit: str
     objective: str
     clearance: float
-    wall_clearance: float
+    wall_clearance: float | WallClearance
     left_out: tuple[_LeftOut, ...]
     parts: tuple[_Part, ...]
     summary: dict[str, str]
     files: dict[str, str]
     containers: tuple[RecordedForm | None, ...] = ()  # earlier versions had only boxes
+    clearance_z: float | None = None
 
 
 class _Asked(Struct):
@@ -198,12 +203,13 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     except PackItError as error:
         return [*found, f"what was asked for can't be checked: {error}"]
     placed, faults = placed_items(task, record.items, record.box_names)
+    found += _own_clearances(record, task)
     found += [*_obstacles(record, task), *_outlines(record, task)]
     found += sentences(faults)[: validity.MAX_PROBLEMS]
     if found or not is_valid:
         return found
     packings = [
-        Packing(task.types, container_named(task, name), tuple(own), task.gap, "knapsack")
+        task.packing(container_named(task, name), own)
         for name, own in zip(record.box_names, placed, strict=True)
     ]
     packed = PackedParts(task, tuple(packings))
@@ -212,6 +218,7 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     for number, packing in enumerate(packings, start=1):
         broken = task.limits(packing).faults(task.masses_in(packing))
         found += [f"box {number} {fault}" for fault in broken]
+    found += _groups(record)
     constraints = replace(task.constraints, stable=None)
     if not constraints.is_empty:
         for contents in packed.contents:
@@ -222,7 +229,7 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
 def _settings(record: _Record) -> Iterator[str]:
     """Compare settings, boxes, names of meshes and obstacles."""
     request = record.request
-    for name in ("unit", "objective", "clearance", "wall_clearance"):
+    for name in ("unit", "objective", "clearance", "clearance_z", "wall_clearance"):
         stated, asked = getattr(record, name), getattr(request, name)
         if stated != asked:
             yield f"field {name.replace('_', ' ')!r} is {stated!r}, but {asked!r} was asked for"
@@ -242,6 +249,17 @@ def _settings(record: _Record) -> Iterator[str]:
     for name, mesh in dict.fromkeys((item.name, item.mesh) for item in record.items):
         if name in meshes and meshes[name] != mesh:
             yield f"the mesh of {name!r} is {mesh!r}, but {meshes[name]!r} was asked for"
+
+
+def _own_clearances(record: _Record, task: PackTask) -> Iterator[str]:
+    """Compare the clearances that parts have of their own."""
+    asked = {each.part.name: each.clearance for each in (*task.parts, *task.obstacles)}
+    recorded = [(each.name, each.clearance) for each in record.items]
+    recorded += [(each.name, each.clearance) for each in record.obstacles]
+    for name, stated in dict.fromkeys(recorded):
+        true = asked.get(name, stated)
+        if (stated is None) != (true is None) or not math.isclose(stated or 0, true or 0):
+            yield f"the clearance of {name!r} is said to be {stated}, but {true} was asked for"
 
 
 def _asked_form(box: RequestedBox) -> tuple[str, str | None]:
@@ -289,6 +307,17 @@ def _counts(record: _Record) -> Iterator[str]:
             )
     if strange := [name for name in left if name not in dict(asked)]:
         yield f"{strange[0]!r} is left out, but was not asked for"
+
+
+def _groups(record: _Record) -> list[str]:
+    """Compare the boxes with the rules of groups."""
+    parts = record.request.parts
+    boxes = [Counter[str]() for _ in record.box_names]
+    for item in record.items:
+        boxes[item.box][item.name] += 1
+    groups = {each.name: each.group for each in parts}
+    asked = {each.name: each.count for each in parts}
+    return group_faults(record.request.groups, groups, asked, boxes)
 
 
 def _masses(record: _Record, task: PackTask) -> Iterator[str]:
