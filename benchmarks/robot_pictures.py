@@ -40,7 +40,7 @@ EDGE = 0.006
 STEEL, TABLE, RIM = (0.55, 0.6, 0.66, 1), (0.93, 0.92, 0.9, 1), (0.35, 0.3, 0.25, 1)
 
 
-VIEWS = {"panda": ((1.5, -0.9, 1.25), (-0.12, 0.28, 0.45))}
+VIEWS = {"panda": ((1.6, -1.0, 1.35), (-0.12, 0.28, 0.52))}
 """Where the eye is, and at what it looks, for an arm."""
 
 

@@ -26,6 +26,7 @@ from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.physics.convex import disk_cache
+from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.world import pybullet_module
 from packit_sim.robot.arm import Route
@@ -41,6 +42,7 @@ from packit_sim.robot.panda import panda_model
 from packit_sim.robot.paths import find_path
 from packit_sim.robot.robot_box import RobotBox
 from packit_sim.robot.trajectory import Trajectory
+from packit_sim.robot.world import ArmWorld
 from packit_sim.rules import Rules
 from tests.zoo import BALL, BOWL, CUBE, TILTED
 
@@ -240,6 +242,22 @@ def test_a_missing_model_of_the_panda_is_named(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "pybullet_data", None)
     with pytest.raises(MissingPackageError, match="cells with the arm panda need pybullet_data"):
         RobotBox(CELLS, replace(CELL, arm="panda", edge=0.25))
+
+
+@pytest.mark.parametrize("enabled", [False, True])
+def test_a_cup_pushes_what_it_meets_after_the_release(enabled: bool) -> None:
+    arm = arm_of(CELL, CELLS)
+    corners = creation.box((0.1, 0.1, 0.1)).vertices + np.array((0.2, 0.2, 0.05))
+    with ArmWorld(np.full(3, 0.4), CELL.world, arm, 0.01) as world:
+        world.add([Piece.around(corners)], 0.1)
+        middle = 0.2 * CELL.edge
+        points = [np.array((middle - x, middle, 0.01, 0.0)) for x in (0.035, 0.015)]
+        world.start_at(points[0])
+        world.collide_arm(enabled)
+        for joints in straight(*points, CELL):
+            world.drive(joints)
+        (move,) = world.moves
+    assert (move.translation[0] * CELL.edge > 0.005) == enabled
 
 
 def test_a_lost_item_sends_the_arm_back_the_way_it_came() -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from lxml import etree
 
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import Triple
@@ -69,6 +70,15 @@ class Route:
         if steps > self.lifted:
             back = self.carry[self.lifted : steps][::-1]
         return np.concatenate((back, self.abandon))
+
+
+def with_cup(urdf: str, radius: float) -> str:
+    """Add a cup of a radius in m to the last link of a URDF."""
+    robot = etree.fromstring(urdf.encode())
+    form = f'<cylinder radius="{radius}" length="{CUP}"/>'
+    cup = f'<origin xyz="0 0 {CUP / 2}"/><geometry>{form}</geometry>'
+    robot.findall("link")[-1].append(etree.fromstring(f"<collision>{cup}</collision>"))
+    return etree.tostring(robot, encoding="unicode")
 
 
 class Arm(ABC):

@@ -24,6 +24,10 @@ from packit_sim.robot.world import ArmWorld
 JITTER = 0.05
 """Metres by which the position of an item at the station varies."""
 
+_RISING_STEPS = 12
+"""Time steps after a release from which the arm collides with items: by then the cup has risen from
+the item's convex pieces, which are thicker than its mesh."""
+
 _CHECK_STEPS = 10
 """Time steps between two checks whether everything rests."""
 
@@ -114,7 +118,7 @@ def execute(
     to_start = start.pose @ planned.pose.inverse()
     pieces, _ = fitted_pieces([*before, planned], settings)
     size = np.array(cells) / 100
-    with ArmWorld(size, settings, arm) as world:
+    with ArmWorld(size, settings, arm, radius) as world:
         resting = [
             world.add(own, cell.mass(posed.item.volume))
             for posed, own in zip(before, pieces[:-1], strict=True)
@@ -135,7 +139,10 @@ def execute(
         world.sleep(resting, False)
         world.let_go()
         run.held_until()
-        run.drive(route.leave if lost is None else route.after_loss(lost))
+        way = route.leave if lost is None else route.after_loss(lost)
+        run.drive(way[:_RISING_STEPS])
+        world.collide_arm(True)
+        run.drive(way[_RISING_STEPS:])
         run.rest()
         outcome = Outcome.PLACED if lost is None else Outcome.LOST
         return Execution(outcome, run.posed, run.recording(radius))

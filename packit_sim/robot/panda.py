@@ -116,6 +116,13 @@ def panda_model() -> PandaModel:
     )
 
 
+def _box(mesh: trimesh.Trimesh) -> str:
+    """Return a box of the tool as a URDF has it."""
+    x, y, z = mesh.extents.tolist()
+    origin = f'<origin xyz="0 0 {mesh.bounds[:, 2].mean()}"/>'
+    return f'<collision>{origin}<geometry><box size="{x} {y} {z}"/></geometry></collision>'
+
+
 def _origin(joint: Any) -> Floats:
     xyz, rpy = (
         [float(one) for one in joint.find("origin").get(name).split()] for name in ("xyz", "rpy")
@@ -171,7 +178,7 @@ class Panda(Arm):
         adapter.apply_translation((0, 0, length - ADAPTER[2] / 2))
         tool = (
             '<link name="tool"><inertial><mass value="0.2"/><inertia ixx="1" iyy="1" izz="1" '
-            'ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'ixy="0" ixz="0" iyz="0"/></inertial>{_box(tube)}{_box(adapter)}</link>'
             '<joint name="tool" type="fixed"><parent link="panda_link8"/><child link="tool"/>'
             f'<origin xyz="0 0 {length}" rpy="{math.pi} 0 0"/></joint></robot>'
         )

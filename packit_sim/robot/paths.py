@@ -32,8 +32,8 @@ def find_path(
 
     Parameters
     ----------
-    start, goal, low, high : ndarray of float64, shape (d,)
-        The ends of the path, and the limits of the space.
+    start : ndarray of float64, shape (d,)
+        Where the path starts, as also `goal` and the limits of the space.
     is_free : callable
         Decides whether the edge between two points is free.
 

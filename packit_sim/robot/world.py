@@ -15,7 +15,7 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.world import World
-from packit_sim.robot.arm import Arm
+from packit_sim.robot.arm import Arm, with_cup
 
 _STIFF = 1e9
 """Largest force of the arm's motors, in the world's unit: the arm is stronger than any load."""
@@ -31,13 +31,15 @@ class ArmWorld(World):
     ----------
     size : ndarray of float64, shape (3,)
         Extents of the box, in box units.
+    radius : float
+        Radius of the cup, m.
     """
 
-    def __init__(self, size: Floats, settings: PhysicsSettings, arm: Arm) -> None:
+    def __init__(self, size: Floats, settings: PhysicsSettings, arm: Arm, radius: float) -> None:
         super().__init__(size, settings)
         path = self._folder / "arm.urdf"
         with naming(path):
-            path.write_text(arm.urdf)
+            path.write_text(with_cup(arm.urdf, radius))
         with quiet():
             self._arm = self._pybullet.loadURDF(
                 str(path),
@@ -53,10 +55,9 @@ class ArmWorld(World):
         self._tool = count - 1
         is_straight = np.array([kinds[n] == self._pybullet.JOINT_PRISMATIC for n in self._joints])
         self._units = np.where(is_straight, self._scale, 1.0)
-        for link in range(-1, count):
-            self._pybullet.setCollisionFilterGroupMask(
-                self._arm, link, 0, 0, physicsClientId=self._client
-            )
+        self._links = range(-1, count)
+        self.collide_arm(False)
+        for link in self._links:
             self._pybullet.changeDynamics(
                 self._arm,
                 link,
@@ -64,6 +65,7 @@ class ArmWorld(World):
                 jointDamping=0.0,
                 linearDamping=0.0,
                 angularDamping=0.0,
+                lateralFriction=math.sqrt(settings.friction),
                 physicsClientId=self._client,
             )
         self._grip: int | None = None
@@ -121,6 +123,17 @@ class ArmWorld(World):
         self._pybullet.setCollisionFilterGroupMask(
             self._items[item].number, -1, group, everything, physicsClientId=self._client
         )
+
+    def collide_arm(self, enabled: bool) -> None:
+        """Let the arm and its cup collide with everything, or with nothing."""
+        for link in self._links:
+            self._pybullet.setCollisionFilterGroupMask(
+                self._arm,
+                link,
+                int(enabled),
+                -1 if enabled else 0,
+                physicsClientId=self._client,
+            )
 
     def sleep(self, items: Sequence[int], enabled: bool) -> None:
         """Let items at rest sleep until something touches them, or keep them awake."""
