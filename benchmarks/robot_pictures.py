@@ -3,7 +3,7 @@
     .venv/bin/python -m benchmarks.robot_pictures build/robot/everyday-v1-closed-loop.jsonl
 
 Draws one attempt of the first result of a file, by PyBullet's software renderer, side by side into
-the page about the robot.
+a picture of the page about the robot.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from packit_sim.game.evaluation.results import read_results
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL
 from packit_sim.render.coloring import color_of
-from packit_sim.robot.arms import Arm, box_shift
+from packit_sim.robot.arms import arm_of
+from packit_sim.robot.panda import PEDESTAL
 from packit_sim.robot.trajectory import Trajectory
 
-PICTURE = Path(__file__).parents[1] / "docs" / "images" / "robot.png"
+PICTURES = Path(__file__).parents[1] / "docs" / "images"
 
 SIDE = 440
 """Pixels of a moment's picture."""
@@ -39,10 +40,15 @@ EDGE = 0.006
 STEEL, TABLE, RIM = (0.55, 0.6, 0.66, 1), (0.93, 0.92, 0.9, 1), (0.35, 0.3, 0.25, 1)
 
 
+VIEWS = {"panda": ((1.6, -1.0, 1.35), (-0.12, 0.28, 0.52))}
+"""Where the eye is, and at what it looks, for an arm."""
+
+
 def main() -> None:
     parser = argument_parser(__doc__)
     parser.add_argument("results", type=Path)
     parser.add_argument("--attempt", type=int, default=10)
+    parser.add_argument("--name", default="robot.png")
     options = parser.parse_args()
     rollout = read_results(options.results)[0]
     library = ShapeLibrary.open(rollout.pack.library.name)
@@ -50,12 +56,14 @@ def main() -> None:
     trajectory = Trajectory.from_bytes(file.read_bytes(), library.__getitem__)
     own = trajectory.attempts[options.attempt].recording
     begin, end = own.held
-    highest = begin + int(own.joints[begin:end, 2].argmax())
+    arm = arm_of(trajectory.cell, trajectory.cells)
+    heights = [arm.poses(joints)[-1].translation[2] for joints in own.joints[begin:end]]
+    highest = begin + int(np.argmax(heights))
     steps = (begin, highest, (highest + 2 * end) // 3, len(own.joints) - 1)
     pictures = [drawn(trajectory, options.attempt, step) for step in steps]
-    PICTURE.parent.mkdir(exist_ok=True)
-    Image.fromarray(np.concatenate(pictures, axis=1)).save(PICTURE, optimize=True)
-    print(f"wrote {PICTURE}: steps {steps} of item {options.attempt}")
+    path = PICTURES / options.name
+    Image.fromarray(np.concatenate(pictures, axis=1)).save(path, optimize=True)
+    print(f"wrote {path}: steps {steps} of item {options.attempt}")
 
 
 def drawn(trajectory: Trajectory, attempt: int, step: int) -> Any:
@@ -73,8 +81,14 @@ def drawn(trajectory: Trajectory, attempt: int, step: int) -> Any:
                 w, x, y, z = rows[3:].tolist()
                 _add(client, rows[:3] * cell.edge, color, file=str(path), turn=(x, y, z, w))
             joints = trajectory.attempts[attempt].recording.joints[step]
-            for box in Arm.of(cell).boxes:
-                _add(client, box_shift(box, joints) + box.center, STEEL, np.array(box.size))
+            arm = arm_of(cell, trajectory.cells)
+            for n, (body, pose) in enumerate(zip(arm.bodies, arm.poses(joints), strict=False)):
+                path = Path(folder) / f"arm-{n}.obj"
+                body.export(path)
+                _add(client, pose.translation, STEEL, file=str(path), turn=pose.xyzw)
+            if arm.base.translation.any():
+                foot = arm.base.translation * (1, 1, 0.5)
+                _add(client, foot, TABLE, np.array((PEDESTAL, PEDESTAL, 2 * foot[2])))
             x, y, z = np.array(trajectory.cells) * CELL * cell.edge
             for a, b in product((0, 1), repeat=2):
                 _add(client, (x / 2, a * y, b * z), RIM, np.array((x + EDGE, EDGE, EDGE)))
@@ -82,7 +96,8 @@ def drawn(trajectory: Trajectory, attempt: int, step: int) -> Any:
                 _add(client, (a * x, b * y, z / 2), RIM, np.array((EDGE, EDGE, z)))
             _add(client, (x / 2, 0, -0.01), TABLE, np.array((3, 3, 0.02)))
             view = pybullet.computeViewMatrix(
-                (x / 2 - 0.8, -0.6, 0.85), (x / 2, y, z * 0.75), (0, 0, 1)
+                *(VIEWS.get(cell.arm) or ((x / 2 - 0.8, -0.6, 0.85), (x / 2, y, z * 0.75))),
+                (0, 0, 1),
             )
             lens = pybullet.computeProjectionMatrixFOV(38, 1, 0.1, 5)
             _, _, pixels, *_ = pybullet.getCameraImage(

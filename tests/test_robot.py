@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,20 +20,29 @@ from packit_sim.core.extras import MissingPackageError
 from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.episodes.episode import Episode
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PlacedItem, PosedItem
 from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.physics.convex import disk_cache
+from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.world import pybullet_module
-from packit_sim.robot.arms import GANTRY, Arm
+from packit_sim.robot.arm import Route
+from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import RobotCell, SuctionGripper
+from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
 from packit_sim.robot.executed_item import Outcome
+from packit_sim.robot.gantry import GANTRY, Gantry
 from packit_sim.robot.grasps import best_grasp
 from packit_sim.robot.measures import measures
 from packit_sim.robot.motion import straight
+from packit_sim.robot.panda import panda_model
+from packit_sim.robot.paths import find_path
 from packit_sim.robot.robot_box import RobotBox
 from packit_sim.robot.trajectory import Trajectory
+from packit_sim.robot.world import ArmWorld
 from packit_sim.rules import Rules
 from tests.zoo import BALL, BOWL, CUBE, TILTED
 
@@ -57,9 +67,9 @@ def block(x: float, y: float, z: float) -> Item:
 ITEMS = (block(20, 12, 8), block(12, 16, 10), Item(BALL, 0.006))
 
 
-def packed() -> RobotBox:
-    box = RobotBox(CELLS, CELL)
-    for item in ITEMS:
+def packed(cell: RobotCell = CELL, items: Sequence[Item] = ITEMS) -> RobotBox:
+    box = RobotBox(CELLS, cell)
+    for item in items:
         location = box.blbf(item)
         assert location is not None
         box.put(item, location)
@@ -167,6 +177,123 @@ def test_a_cup_holds_where_it_is_flat_near_the_centre_of_mass() -> None:
             assert found.point[2] <= top + 1e-9
 
 
+@pytest.fixture(scope="module")
+def panda() -> RobotBox:
+    pytest.importorskip("pybullet_data", reason="the slim environment has no model of the panda")
+    return packed(replace(CELL, arm="panda", speed=1.0), ITEMS[:2])
+
+
+def test_the_panda_puts_items_where_they_were_planned(panda: RobotBox) -> None:
+    for one in panda.placed:
+        assert one.outcome is Outcome.PLACED and one.counts
+        assert one.displacement[0] < 0.004 and one.displacement[1] < 2
+
+
+@pytest.mark.slow
+def test_the_panda_touches_nothing_by_its_trajectory(panda: RobotBox) -> None:
+    trajectory = Trajectory.of(panda.cell, CELLS, panda.placed)
+    shapes = {item.shape.id: item.shape for item in ITEMS}
+    read = Trajectory.from_bytes(trajectory.to_bytes(), shapes.__getitem__)
+    found = measures(read, ITEMS[:2])
+    assert found["penetration"] < 0.001 and found["no path"] == found["collapses"] == 0
+
+
+@pytest.mark.slow
+def test_the_panda_moves_the_same_way_each_time(panda: RobotBox) -> None:
+    first, again = (
+        Trajectory.of(panda.cell, CELLS, box.placed)
+        for box in (panda, packed(panda.cell, ITEMS[:2]))
+    )
+    assert first.digest == again.digest
+
+
+def test_the_panda_keeps_its_limits_and_its_tool_vertical(panda: RobotBox) -> None:
+    arm = arm_of(panda.cell, CELLS)
+    last = None
+    for one in panda.placed:
+        joints = one.recording.joints
+        assert last is None or np.allclose(joints[0], last, atol=1e-4)  # starts where it ended
+        last = joints[-1]
+        speeds = np.abs(np.diff(joints, axis=0)) / panda.cell.world.step
+        assert (speeds < np.array((2.175,) * 4 + (2.61,) * 3) * 1.01).all()
+        assert np.abs(joints).max() < 3.0718
+        tools = [arm.poses(row)[-1] for row in joints[::50]]
+        assert all(tool.rotation[2, 2] > 1 - 1e-6 for tool in tools)
+        moved = np.diff([tool.translation for tool in tools], axis=0)
+        assert np.linalg.norm(moved, axis=1).max() < 50 * panda.cell.world.step * 1.01
+
+
+def test_the_panda_reports_what_it_cannot_reach_or_lift(panda: RobotBox) -> None:
+    for edge in (0.2, 0.3):
+        arm_of(replace(panda.cell, edge=edge), (100, 100, 100)).check((100, 100, 100), edge / 2)
+    with pytest.raises(
+        ArgumentError, match=r"can't reach the box: .* choose a smaller edge, now 0"
+    ):
+        RobotBox((100, 100, 100), replace(panda.cell, edge=0.5))
+    with pytest.raises(ArgumentError, match=r"can't reach the box: with an item 0.9 m long"):
+        arm_of(panda.cell, CELLS).check(CELLS, 0.9)
+    strong = replace(panda.cell, gripper=SuctionGripper(cups=(0.05,)), density=8000.0)
+    with pytest.raises(ArgumentError, match=r"lifts at most 2.8 kg"):
+        RobotBox(CELLS, strong).check([block(40, 40, 10)])
+
+
+def test_a_missing_model_of_the_panda_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    panda_model.cache_clear()
+    monkeypatch.setitem(sys.modules, "pybullet_data", None)
+    with pytest.raises(MissingPackageError, match="cells with the arm panda need pybullet_data"):
+        RobotBox(CELLS, replace(CELL, arm="panda", edge=0.25))
+
+
+@pytest.mark.parametrize("enabled", [False, True])
+def test_a_cup_pushes_what_it_meets_after_the_release(enabled: bool) -> None:
+    arm = arm_of(CELL, CELLS)
+    corners = creation.box((0.1, 0.1, 0.1)).vertices + np.array((0.2, 0.2, 0.05))
+    with ArmWorld(np.full(3, 0.4), CELL.world, arm, 0.01) as world:
+        world.add([Piece.around(corners)], 0.1)
+        middle = 0.2 * CELL.edge
+        points = [np.array((middle - x, middle, 0.01, 0.0)) for x in (0.035, 0.015)]
+        world.start_at(points[0])
+        world.collide_arm(enabled)
+        for joints in straight(*points, CELL):
+            world.drive(joints)
+        (move,) = world.moves
+    assert (move.translation[0] * CELL.edge > 0.005) == enabled
+
+
+def test_a_lost_item_sends_the_arm_back_the_way_it_came() -> None:
+    way = np.arange(10.0)[:, None]
+    route = Route(way[0], way[:1], way, way[:0], 4, np.array([[99.0]]))
+    assert route.after_loss(2).ravel().tolist() == [2, 3, 99]
+    assert route.after_loss(7).ravel().tolist() == [6, 5, 4, 99]
+
+
+def test_a_path_leads_around_obstacles_and_repeats() -> None:
+    def is_free(one: Floats, other: Floats) -> bool:
+        points = np.linspace(one, other, 30)
+        return not ((np.abs(points[:, 0]) < 0.2) & (points[:, 1] < 0.8)).any()
+
+    ends = np.array((-0.7, -0.5)), np.array((0.7, -0.5))
+    limits = np.full(2, -1.0), np.full(2, 1.0)
+    found = [find_path(*ends, *limits, is_free, np.random.default_rng(3)) for _ in range(2)]
+    assert found[0] is not None and np.array_equal(found[0], found[1])
+    assert np.array_equal(found[0][[0, -1]], ends) and len(found[0]) > 2
+    assert all(is_free(one, other) for one, other in pairwise(found[0]))
+    free = find_path(*ends, *limits, lambda one, other: True, np.random.default_rng(3))
+    assert free is not None and len(free) == 2
+    blocked = find_path(*ends, *limits, lambda one, other: False, np.random.default_rng(3))
+    assert blocked is None
+
+
+def test_padded_bodies_keep_clear_of_boxes() -> None:
+    body = PaddedBody.of(creation.box((0.1, 0.1, 0.1)))
+    obstacles = Obstacles.of([((-1, -1, -1), (1, 1, 0))])
+    for height, expected in ((0.05 + PADDING * 0.9, False), (0.05 + PADDING * 1.3, True)):
+        pose = Motion.shift((0, 0, height))
+        assert obstacles.is_clear(body, pose) == expected
+        assert are_apart(body, Motion.shift((0, 0, -0.05)), body, pose) == (height > 0.06)
+    assert not obstacles.is_clear(body, Motion.shift((0, 0, -0.5)))  # enclosed
+
+
 def test_an_item_without_a_grasp_is_set_aside() -> None:
     cone = Item(Shape.from_mesh(creation.cone(0.2, 2.0), "cone"), 0.005)
     box = RobotBox(CELLS, replace(CELL, reachable=False))
@@ -219,12 +346,12 @@ def test_snapshots_are_restored(box: RobotBox) -> None:
 @pytest.mark.parametrize("length", [0.001, 0.1, 1.0])
 def test_moves_are_timed_within_the_limits(length: float) -> None:
     end = np.array((length, 0.0, 0.0, 0.0))
-    joints = straight(np.zeros(4), end, CELL, 1 / 240)
+    joints = straight(np.zeros(4), end, CELL)
     speeds = np.diff(joints[:, 0], prepend=0) * 240
     assert np.allclose(joints[-1], end) and speeds.min() >= 0
     assert speeds.max() <= CELL.speed + 1e-9
     assert np.abs(np.diff(speeds)).max() * 240 <= CELL.acceleration * 1.5
-    assert len(straight(end, end, CELL, 1 / 240)) == 0
+    assert len(straight(end, end, CELL)) == 0
 
 
 def task_of(*items: Item, cells: Triple = CELLS) -> Task:
@@ -254,9 +381,10 @@ def test_arms_that_do_not_do_are_refused(tmp_path: Path, urdf: str, message: str
 def test_an_arm_of_the_users_own_packs_too(tmp_path: Path) -> None:
     path = tmp_path / "own.urdf"
     path.write_text(GANTRY)
-    assert Arm.of(replace(CELL, arm=str(path))).boxes == Arm.read(GANTRY).boxes
-    with pytest.raises(ArgumentError, match="arm 'panda' is not known: choose gantry, or"):
-        Arm.of(replace(CELL, arm="panda"))
+    own, ours = (Gantry.of(replace(CELL, arm=name)) for name in (str(path), "gantry"))
+    assert np.array_equal(own.bodies[1].vertices, ours.bodies[1].vertices)
+    with pytest.raises(ArgumentError, match="arm 'ur5' is not known: choose gantry, panda, or"):
+        arm_of(replace(CELL, arm="ur5"), CELLS)
 
 
 def test_items_and_boxes_that_do_not_go_are_refused_before_anything_is_simulated() -> None:

@@ -133,7 +133,7 @@ WRONG = [
     ("evaluate binary.jsonl", "binary.jsonl"),
     ("evaluate packing.json", "`packit verify` checks the packing"),
     ("evaluate starter --tasks 0", "--tasks"),
-    ("execute starter --arm panda", "choose gantry, or the path of a .urdf file"),
+    ("execute starter --arm ur5", "choose gantry, panda, or the path of a .urdf file"),
     ("execute starter --arm absent.urdf", "absent.urdf"),
     ("execute starter --level 2", "level 2 is not possible: 1"),
     ("execute starter --agent random/random/random+beam=2", "leave out the search"),

@@ -41,7 +41,7 @@ def execute_command(
     ] = None,
     arm: Annotated[
         str,
-        typer.Option(help="gantry, or a URDF file of a machine with the same kinds of joints."),
+        typer.Option(help="gantry, panda, or a URDF file of a machine with the gantry's joints."),
     ] = "gantry",
     level: Annotated[
         int, typer.Option(help="1: items are presented in the rotation of their placement.")

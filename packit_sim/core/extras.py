@@ -16,6 +16,7 @@ EXTRAS = {
     "matplotlib": "report",
     "minari": "learn",
     "pybullet": "physics",
+    "pybullet_data": "physics",
     "python_calamine": "sheets",
     "pysat": "exact",
     "ray": "cluster",

@@ -31,6 +31,15 @@ STATION_SIDE = 0.15
 """Metres from the outside of the wall to the middle of the station, and twice that for the longest
 item."""
 
+PANDA = "panda"
+"""The name of the arm with seven joints."""
+
+PANDA_PAYLOAD = 2.8
+"""Mass in kg that the panda lifts in addition to its tool."""
+
+STANCE = 0.53
+"""Metres from the axis of the panda's base to the middles of the box and of the station."""
+
 WALL = 0.25
 """Thickness of the simulated walls, in box units."""
 
@@ -98,12 +107,13 @@ class RobotCell:
     """The cell in which an arm packs the box, in SI units.
 
     The box's low corner is the origin; the table is at height 0, around it. Behind the box, towards
-    larger y, is the station, where a fixture presents one item after the other.
+    larger y, is the station, where a fixture presents one item after the other. The panda stands on
+    a pedestal next to the box, towards smaller x; behind the pedestal is its station.
 
     Parameters
     ----------
     arm : str
-        "gantry", or the path of the URDF of a machine with the same kinds of joints.
+        "gantry", "panda", or the path of the URDF of a machine with the gantry's kinds of joints.
     edge : float
         Metres in a box unit.
     density : float
@@ -122,9 +132,10 @@ class RobotCell:
     seed : int
         Seed of the random yaws and positions.
     speed : float
-        Largest speed of an axis, m/s, and of the wrist in rad/s divided by 4.
+        Largest speed of an axis of the gantry, m/s, and of its wrist in rad/s divided by 4; of the
+        panda's tool, whose joints also keep the limits of its URDF.
     acceleration : float
-        Largest acceleration of an axis, m/s2, and of the wrist in rad/s2 divided by 4.
+        Largest acceleration of the same.
     clearance : float
         Height above the rim at which items travel, and above the station, m.
     gap : float
@@ -189,6 +200,11 @@ class RobotCell:
             decomposition=self.decomposition,
         )
 
+    @property
+    def joints(self) -> int:
+        """The number of the arm's joints."""
+        return 7 if self.arm == PANDA else 4
+
     def size(self, cells: Triple) -> Floats:
         """Return the inner extents (3,) of a box in m."""
         return np.array(cells) * (CELL * self.edge)
@@ -199,9 +215,17 @@ class RobotCell:
 
     def station(self, cells: Triple) -> Floats:
         """Return the middle (3,) of the station for a box, in m."""
+        if self.arm == PANDA:
+            x, y = self.foot(cells)
+            return np.array((x, y + STANCE, 0.0))
         x, y, _ = self.size(cells)
         longest = 0.5 * float(max(self.size(cells)))
         return np.array((x / 2, y + WALL * self.edge + STATION_SIDE + longest, 0.0))
+
+    def foot(self, cells: Triple) -> tuple[float, float]:
+        """Return where the panda's pedestal stands on the table, in m."""
+        x, y, _ = (self.size(cells) / 2).tolist()
+        return x - STANCE, y
 
     def holds(self, cells: Triple, posed: PosedItem) -> bool:
         """Decide whether an item is wholly inside a box, below its rim (see `INSIDE`)."""
@@ -213,8 +237,12 @@ class RobotCell:
 
     def check_payload(self, name: str, volume: float) -> None:
         """Raise ArgumentError if an item of a volume in cubic box units is too heavy."""
-        mass, most = self.mass(volume), self.gripper.payload(max(self.gripper.cups))
-        if mass > most:
-            raise ArgumentError(
-                f"{name} weighs {mass:.3g} kg: the largest cup lifts at most {most:.3g} kg"
-            )
+        limits = {"the largest cup": self.gripper.payload(max(self.gripper.cups))}
+        if self.arm == PANDA:
+            limits[f"arm {PANDA!r}"] = PANDA_PAYLOAD
+        mass = self.mass(volume)
+        for what, most in limits.items():
+            if mass > most:
+                raise ArgumentError(
+                    f"{name} weighs {mass:.3g} kg: {what} lifts at most {most:.3g} kg"
+                )

@@ -14,16 +14,19 @@ from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.settling import fitted_pieces
-from packit_sim.robot.arms import Arm
+from packit_sim.robot.arm import Arm, Route, ToolPath
 from packit_sim.robot.cell import RobotCell
 from packit_sim.robot.executed_item import Outcome
 from packit_sim.robot.grasps import Grasp
-from packit_sim.robot.motion import straight
 from packit_sim.robot.recording import MOVED, Recording
 from packit_sim.robot.world import ArmWorld
 
 JITTER = 0.05
 """Metres by which the position of an item at the station varies."""
+
+_RISING_STEPS = 12
+"""Time steps after a release from which the arm collides with items: by then the cup has risen from
+the item's convex pieces, which are thicker than its mesh."""
 
 _CHECK_STEPS = 10
 """Time steps between two checks whether everything rests."""
@@ -76,8 +79,10 @@ def presented(planned: PosedItem, cell: RobotCell, cells: Triple, number: int) -
 def execute(
     before: Sequence[PosedItem],
     numbers: Sequence[int],
+    start: PosedItem,
     planned: PosedItem,
-    grasp: Grasp,
+    radius: float,
+    route: Route,
     *,
     is_free: bool,
     cell: RobotCell,
@@ -92,10 +97,14 @@ def execute(
         The items in the box.
     numbers : sequence of int
         Their numbers among the items that were tried; the last is the new item's.
+    start : PosedItem
+        The new item at the station.
     planned : PosedItem
-        Where the arm releases the item.
-    grasp : Grasp
-        Where the cup holds it.
+        Where the arm releases it: there its convex pieces are fitted in between those of others.
+    radius : float
+        Radius of the cup, m.
+    route : Route
+        The motion of the arm.
     is_free : bool
         Whether the exact swept test proves that the item meets nothing on its way down. Then its
         convex pieces, which are thicker than its mesh, collide with nothing before the release.
@@ -106,62 +115,66 @@ def execute(
         What happened.
     """
     settings = cell.world
-    start = presented(planned, cell, cells, numbers[-1])
     to_start = start.pose @ planned.pose.inverse()
     pieces, _ = fitted_pieces([*before, planned], settings)
     size = np.array(cells) / 100
-    with ArmWorld(size, settings, arm.urdf) as world:
+    with ArmWorld(size, settings, arm, radius) as world:
         resting = [
             world.add(own, cell.mass(posed.item.volume))
             for posed, own in zip(before, pieces[:-1], strict=True)
         ]
         moved = [piece.moved(to_start.rotation, to_start.translation) for piece in pieces[-1]]
-        item = world.present(moved, cell.mass(planned.item.volume))
-        points = _waypoints(before, start, planned, grasp, cell, cells)
+        item = world.present(moved, cell.mass(start.item.volume))
         world.sleep(resting, True)
-        world.start_at(points.home)
+        world.start_at(route.start)
         run = _Run(world, cell, [*before, start], numbers)
-        run.drive_to(points.over_pick, points.pick)
+        run.drive(route.approach)
         world.grip(item)
         run.held_from()
-        outcome = Outcome.PLACED
         if not is_free:
             world.collide(item, True)
-        hold = cell.gripper.force(grasp.radius)
-        most = hold, hold * grasp.radius
-        if not run.drive_to(points.lifted, points.over_place, points.place, most=most):
-            outcome = Outcome.LOST
+        hold = cell.gripper.force(radius)
+        lost = run.drive(route.carry, (hold, hold * radius))
         world.collide(item, True)
         world.sleep(resting, False)
         world.let_go()
         run.held_until()
-        run.drive_to(points.place if outcome is Outcome.PLACED else None, points.retreat)
+        way = route.leave if lost is None else route.after_loss(lost)
+        run.drive(way[:_RISING_STEPS])
+        world.collide_arm(True)
+        run.drive(way[_RISING_STEPS:])
         run.rest()
-        return Execution(outcome, run.posed, run.recording(grasp.radius))
+        outcome = Outcome.PLACED if lost is None else Outcome.LOST
+        return Execution(outcome, run.posed, run.recording(radius))
 
 
-@dataclass(frozen=True, eq=False)
-class _Waypoints:
-    """Joints (4,) in m and radians, in the order in which the arm passes them."""
-
-    home: Floats
-    over_pick: Floats
-    pick: Floats
-    lifted: Floats
-    over_place: Floats
-    place: Floats
-    retreat: Floats
-
-
-def _waypoints(
+def tool_path(
     before: Sequence[PosedItem],
     start: PosedItem,
     planned: PosedItem,
     grasp: Grasp,
+    *,
     cell: RobotCell,
     cells: Triple,
-) -> _Waypoints:
-    """Compute where the arm passes: straight up, over the rim and what protrudes, straight down."""
+) -> ToolPath:
+    """Compute where the tool passes: straight up, over the rim and what protrudes, straight down.
+
+    Parameters
+    ----------
+    before : sequence of PosedItem
+        The items in the box.
+    start : PosedItem
+        The new item at the station.
+    planned : PosedItem
+        Where the arm releases it.
+    grasp : Grasp
+        Where the cup holds it.
+
+    Returns
+    -------
+    ToolPath
+        Where the tool passes.
+    """
     turn = start.pose.rotation @ planned.pose.rotation.T
     yaw = math.atan2(turn[1, 0], turn[0, 0])
     point = np.array(grasp.point)
@@ -177,7 +190,7 @@ def _waypoints(
     lifted = pick + above * (carried - pick[2])
     over_place = place + above * (carried - place[2])
     home = np.append(cell.station(cells) + above * carried, yaw)
-    return _Waypoints(
+    return ToolPath(
         home,
         np.append(over_pick, yaw),
         np.append(pick, yaw),
@@ -243,24 +256,17 @@ class _Run:
         """Note that it does not any more."""
         self._held[1] = len(self._joints)
 
-    def drive_to(
-        self, *points: Floats | None, most: tuple[float, float] = (math.inf, math.inf)
-    ) -> bool:
-        """Drive through points; return False at once if the held item's load is above `most`."""
-        for point in points:
-            if point is None:
-                continue
-            start = self._world.joints if self._at is None else self._at
-            for joints in straight(start, point, self._cell, self._cell.world.step):
-                self._world.drive(joints)
-                self._at = joints
-                self._record()
-                if math.isfinite(most[0]):
-                    force, moment = self._world.load
-                    if force > most[0] or moment > most[1]:
-                        return False
-            self._at = point
-        return True
+    def drive(self, way: Floats, most: tuple[float, float] = (math.inf, math.inf)) -> int | None:
+        """Drive along joints (n, joints); return the step in which the load is above `most`."""
+        for step, joints in enumerate(way):
+            self._world.drive(joints)
+            self._at = joints
+            self._record()
+            if math.isfinite(most[0]):
+                force, moment = self._world.load
+                if force > most[0] or moment > most[1]:
+                    return step
+        return None
 
     def rest(self) -> None:
         """Wait until everything is at rest, or the time limit of the world is over."""

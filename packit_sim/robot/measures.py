@@ -59,10 +59,7 @@ def measures(trajectory: Trajectory, items: Sequence[Item]) -> dict[str, int | f
     collapsed = 0
     for n, one in enumerate(attempts):
         if one.outcome is Outcome.PLACED:
-            later = (apart(ends[n][n], end[n]) for end in ends[n + 1 :])
-            collapsed += any(
-                shift > COLLAPSE_DISTANCE or angle > COLLAPSE_ANGLE for shift, angle in later
-            )
+            collapsed += any(has_moved(ends[n][n], end[n]) for end in ends[n + 1 :])
     steps = sum(len(one.recording.joints) for one in attempts)
     return {
         "planned": plain_sum(one.chosen.item.volume for one in attempts) / volume,
@@ -74,6 +71,12 @@ def measures(trajectory: Trajectory, items: Sequence[Item]) -> dict[str, int | f
         "penetration": largest_penetration(trajectory) * cell.edge,
         "robot seconds": steps * cell.world.step,
     }
+
+
+def has_moved(one: PosedItem, other: PosedItem) -> bool:
+    """Decide whether an item moves between two poses as far as in a collapse."""
+    shift, angle = apart(one, other)
+    return shift > COLLAPSE_DISTANCE or angle > COLLAPSE_ANGLE
 
 
 def resting_poses(trajectory: Trajectory) -> list[dict[int, PosedItem]]:

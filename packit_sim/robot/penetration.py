@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -15,7 +16,8 @@ from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.penetration import DEPTHS, DIRECTIONS
 from packit_sim.placement import LooseMesh
-from packit_sim.robot.arms import CUP, Arm, box_shift
+from packit_sim.robot.arm import CUP
+from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import WALL, RobotCell
 from packit_sim.robot.trajectory import Trajectory
 
@@ -55,10 +57,6 @@ class _There:
 
         It is inf if no shift separates the two.
         """
-        low, high = self.bounds
-        other_low, other_high = other.bounds
-        if (low > other_high).any() or (other_low > high).any():
-            return known
         between = other.pose.seen_from(self.pose)
         mesh, turn = self.body.mesh, np.ascontiguousarray(between.rotation)
         if not mesh.crosses(other.body.mesh, between.translation, turn):
@@ -89,10 +87,8 @@ def largest_penetration(trajectory: Trajectory) -> float:
     """
     cell = trajectory.cell
     surroundings = [_There(body, Motion()) for body in _surroundings(cell, trajectory)]
-    links = [
-        (box, _Body(trimesh.creation.box(np.array(box.size) / cell.edge)))
-        for box in Arm.of(cell).boxes
-    ]
+    arm = arm_of(cell, trajectory.cells)
+    links = [_Body(_scaled(body, 1 / cell.edge)) for body in arm.bodies]
     bodies = [_Body(one.chosen.item.turned(0).mesh) for one in trajectory.attempts]
     known: dict[int, _There] = {}
     deepest = 0.0
@@ -112,25 +108,37 @@ def largest_penetration(trajectory: Trajectory) -> float:
                 continue
             tested = state
             moving = [
-                _There(body, Motion.shift((box_shift(box, joints) + box.center) / cell.edge))
-                for box, body in links
+                _There(body, pose.at(pose.translation / cell.edge))
+                for body, pose in zip((*links, cup), arm.poses(joints), strict=True)
             ]
-            moving.append(_There(cup, Motion.shift(joints[:3] / cell.edge)))
             is_held = own.held[0] <= step < own.held[1]
             others = [there for n, there in known.items() if not (is_held and n == number)]
             if is_held:
                 held = known[number]
-                for other in (*others, *surroundings):
-                    deepest = held.depth(other, deepest)
+                for one, other in _near([held], (*others, *surroundings)):
+                    deepest = one.depth(other, deepest)
                 others.append(held)
-            for one, other in product(moving, (*others, *surroundings)):
+            for one, other in _near(moving, (*others, *surroundings)):
                 deepest = one.depth(other, deepest)
     return deepest
+
+
+def _near(moving: Sequence[_There], others: Sequence[_There]) -> Iterator[tuple[_There, _There]]:
+    """Yield the pairs whose boxes overlap."""
+    low, high = np.moveaxis(np.array([one.bounds for one in moving]), 1, 0)
+    other_low, other_high = np.moveaxis(np.array([one.bounds for one in others]), 1, 0)
+    overlap = (low[:, None] <= other_high).all(axis=2) & (other_low <= high[:, None]).all(axis=2)
+    for i, j in np.argwhere(overlap).tolist():
+        yield moving[i], others[j]
 
 
 def _motion(row: Floats) -> Motion:
     w, x, y, z = row[3:].tolist()
     return Motion.from_wxyz((w, x, y, z), row[:3])
+
+
+def _scaled(mesh: trimesh.Trimesh, scale: float) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices * scale, mesh.faces, process=False)
 
 
 def _cup(radius: float, height: float) -> trimesh.Trimesh:

@@ -19,7 +19,7 @@ class Recording:
 
     Attributes
     ----------
-    joints : ndarray of float64, shape (steps, 4)
+    joints : ndarray of float64, shape (steps, joints)
         Where the arm's joints are, in m and radians.
     held : tuple of int
         The first step at which the tool holds the item, and the first after that.

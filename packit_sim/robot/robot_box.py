@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import trimesh
 
 from packit_sim import placement
 from packit_sim.box import BaseBox
@@ -19,10 +20,10 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.world import require_engine
 from packit_sim.placement import Mask, Occupancy, checked_location
-from packit_sim.robot.arms import Arm
+from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, Outcome
-from packit_sim.robot.execution import Execution, execute, presented
+from packit_sim.robot.execution import Execution, execute, presented, tool_path
 from packit_sim.robot.grasps import best_grasp
 from packit_sim.robot.recording import Recording
 
@@ -54,8 +55,8 @@ class RobotBox(BaseBox[Any]):
         self.cell = cell or RobotCell()
         require_engine()
         require(self.cell.decomposition)
-        self._arm = Arm.of(self.cell)
-        self._arm.check(self.cell, self.cells, 0.0)
+        self._arm = arm_of(self.cell, self.cells)
+        self._arm.check(self.cells, 0.0)
         self._tried: tuple[ExecutedItem, ...] = ()
 
     @property
@@ -88,7 +89,7 @@ class RobotBox(BaseBox[Any]):
         for item in items:
             self.cell.check_payload(f"{item.shape.id!r} (scale {item.scale:g})", item.volume)
         longest = max((float(item.extents.max()) for item in items), default=0.0)
-        self._arm.check(self.cell, self.cells, longest * self.cell.edge)
+        self._arm.check(self.cells, longest * self.cell.edge)
 
     def feasible(self, item: Item) -> Mask:
         if not self._is_gripped(item):
@@ -151,15 +152,21 @@ class RobotBox(BaseBox[Any]):
         grasp = best_grasp(candidate.item, self.cell)
         is_free = self._is_free(candidate, actual)
         aside = presented(planned, self.cell, self.cells, number)
-        if grasp is None or not (is_free or self.cell.open_loop):
+        route = None
+        if grasp is not None and (is_free or self.cell.open_loop):
+            path = tool_path(actual, aside, planned, grasp, cell=self.cell, cells=self.cells)
+            route = self._arm.route(path, self._load(aside), (self.cell.seed, number))
+        if grasp is None or route is None:
             outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH
             done = Execution(outcome, (*actual, aside), Recording())
         else:
             done = execute(
                 actual,
                 [*there, number],
+                aside,
                 planned,
-                grasp,
+                grasp.radius,
+                route,
                 is_free=is_free,
                 cell=self.cell,
                 cells=self.cells,
@@ -172,6 +179,11 @@ class RobotBox(BaseBox[Any]):
         for n, posed in zip([*there, number], done.posed, strict=True):
             now[n] = replace(now[n], posed=posed, inside=self.cell.holds(self.cells, posed))
         self._show(now)
+
+    def _load(self, posed: PosedItem) -> trimesh.Trimesh:
+        """Return the mesh of an item where it is, in m."""
+        vertices = posed.vertices * self.cell.edge
+        return trimesh.Trimesh(vertices, posed.item.shape.mesh.faces, process=False)
 
     def _show(self, items: Sequence[ExecutedItem]) -> None:
         """Set the items, and what masks are computed among."""

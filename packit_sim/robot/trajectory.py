@@ -26,7 +26,7 @@ from packit_sim.robot.recording import Recording
 FORMAT = 1
 """Version of the file."""
 
-_ARRAYS = {"joints": (4, np.float64), "rows": (2, np.int64), "poses": (7, np.float64)}
+_ARRAYS = {"joints": (None, np.float64), "rows": (2, np.int64), "poses": (7, np.float64)}
 
 
 class AttemptRecord(msgspec.Struct, frozen=True):
@@ -167,6 +167,7 @@ class Trajectory:
         for n, (record, own) in enumerate(zip(head.attempts, arrays, strict=True)):
             for name, (width, kind) in _ARRAYS.items():
                 array = own[name]
+                width = width or head.cell.joints
                 if array.shape != (len(array), width) or array.dtype != kind:
                     raise PackFormatError(f"array {name}_{n} is {array.dtype} {array.shape}")
             item = Item(shape(record.shape), record.scale, record.rotation)

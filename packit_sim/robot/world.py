@@ -15,6 +15,7 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.world import World
+from packit_sim.robot.arm import Arm, with_cup
 
 _STIFF = 1e9
 """Largest force of the arm's motors, in the world's unit: the arm is stronger than any load."""
@@ -30,32 +31,33 @@ class ArmWorld(World):
     ----------
     size : ndarray of float64, shape (3,)
         Extents of the box, in box units.
-    urdf : str
-        The arm's URDF, with three prismatic joints and a wrist.
+    radius : float
+        Radius of the cup, m.
     """
 
-    def __init__(self, size: Floats, settings: PhysicsSettings, urdf: str) -> None:
+    def __init__(self, size: Floats, settings: PhysicsSettings, arm: Arm, radius: float) -> None:
         super().__init__(size, settings)
         path = self._folder / "arm.urdf"
         with naming(path):
-            path.write_text(urdf)
+            path.write_text(with_cup(arm.urdf, radius))
         with quiet():
             self._arm = self._pybullet.loadURDF(
                 str(path),
+                basePosition=(arm.base.translation * self._scale).tolist(),
                 useFixedBase=1,
                 globalScaling=self._scale,
                 flags=self._pybullet.URDF_USE_INERTIA_FROM_FILE,  # else 0 for links without shapes
                 physicsClientId=self._client,
             )
         count = self._pybullet.getNumJoints(self._arm, physicsClientId=self._client)
-        joints = [self._joint(n) for n in range(count)]
-        self._joints = [n for n, info in enumerate(joints) if info != self._pybullet.JOINT_FIXED]
+        kinds = [self._kind(n) for n in range(count)]
+        self._joints = [n for n, kind in enumerate(kinds) if kind != self._pybullet.JOINT_FIXED]
         self._tool = count - 1
-        self._units = np.array([self._scale] * 3 + [1.0])
-        for link in range(-1, count):
-            self._pybullet.setCollisionFilterGroupMask(
-                self._arm, link, 0, 0, physicsClientId=self._client
-            )
+        is_straight = np.array([kinds[n] == self._pybullet.JOINT_PRISMATIC for n in self._joints])
+        self._units = np.where(is_straight, self._scale, 1.0)
+        self._links = range(-1, count)
+        self.collide_arm(False)
+        for link in self._links:
             self._pybullet.changeDynamics(
                 self._arm,
                 link,
@@ -63,9 +65,9 @@ class ArmWorld(World):
                 jointDamping=0.0,
                 linearDamping=0.0,
                 angularDamping=0.0,
+                lateralFriction=math.sqrt(settings.friction),
                 physicsClientId=self._client,
             )
-        self._before = np.zeros(4)
         self._grip: int | None = None
         self._fixture: int | None = None
 
@@ -73,25 +75,23 @@ class ArmWorld(World):
         """Put the arm somewhere, at rest."""
         for n, value in zip(self._joints, (joints * self._units).tolist(), strict=True):
             self._pybullet.resetJointState(self._arm, n, value, 0.0, physicsClientId=self._client)
-        self._before = joints
 
     def drive(self, joints: Floats) -> None:
-        """Drive the arm to joints (4,) in m and radians, within one time step."""
-        speeds = (joints - self._before) / self._settings.step * self._units
+        """Drive the arm to joints in m and radians, within one time step."""
+        speeds = (joints - self.joints) / self._settings.step * self._units
         self._pybullet.setJointMotorControlArray(
             self._arm,
             self._joints,
             self._pybullet.VELOCITY_CONTROL,
             targetVelocities=speeds.tolist(),
-            forces=[_STIFF] * 4,
+            forces=[_STIFF] * len(self._joints),
             physicsClientId=self._client,
         )
         self.step()
-        self._before = joints
 
     @property
     def joints(self) -> Floats:
-        """Positions of the joints, (4,) in m and radians."""
+        """Positions of the joints, in m and radians."""
         states = self._pybullet.getJointStates(
             self._arm, self._joints, physicsClientId=self._client
         )
@@ -123,6 +123,17 @@ class ArmWorld(World):
         self._pybullet.setCollisionFilterGroupMask(
             self._items[item].number, -1, group, everything, physicsClientId=self._client
         )
+
+    def collide_arm(self, enabled: bool) -> None:
+        """Let the arm and its cup collide with everything, or with nothing."""
+        for link in self._links:
+            self._pybullet.setCollisionFilterGroupMask(
+                self._arm,
+                link,
+                int(enabled),
+                -1 if enabled else 0,
+                physicsClientId=self._client,
+            )
 
     def sleep(self, items: Sequence[int], enabled: bool) -> None:
         """Let items at rest sleep until something touches them, or keep them awake."""
@@ -206,7 +217,7 @@ class ArmWorld(World):
         assert constraint is not None
         self._pybullet.removeConstraint(constraint, physicsClientId=self._client)
 
-    def _joint(self, number: int) -> int:
+    def _kind(self, number: int) -> int:
         info = self._pybullet.getJointInfo(self._arm, number, physicsClientId=self._client)
         kind: int = info[2]
         return kind

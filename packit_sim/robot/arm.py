@@ -1,0 +1,140 @@
+"""Arms: what all of them have in common, and the route on which one moves an item."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from lxml import etree
+
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.motions import Motion
+
+TUBE = 0.005
+"""Side of the square tube that carries a cup, m: its corners are inside the smallest cup."""
+
+CUP = 0.010
+"""Height of a cup, m."""
+
+STATION_REACH = 0.10
+"""Metres around the middle of the station that an arm must reach."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """Where the tool passes while it moves one item, in this order.
+
+    Each point is an array (4,): where the middle of the cup's face is, in m, and the angle about
+    the vertical of the item, in radians. The first is above the station.
+    """
+
+    home: Floats
+    over_pick: Floats
+    pick: Floats
+    lifted: Floats
+    over_place: Floats
+    place: Floats
+    retreat: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """The joints of an arm after each time step while it moves one item, (n, joints) each.
+
+    Attributes
+    ----------
+    start : ndarray of float64, shape (joints,)
+        Where it starts.
+    approach, carry, leave : ndarray of float64
+        To the item, with the item to where it is released, and away from there.
+    lifted : int
+        Steps of `carry` after which the item is lifted.
+    abandon : ndarray of float64
+        From there, if the item is lost.
+    """
+
+    start: Floats
+    approach: Floats
+    carry: Floats
+    leave: Floats
+    lifted: int
+    abandon: Floats
+
+    def after_loss(self, steps: int) -> Floats:
+        """Return the way after the item was lost in a step of `carry`: up, or back, and away."""
+        back = self.carry[steps : self.lifted]
+        if steps > self.lifted:
+            back = self.carry[self.lifted : steps][::-1]
+        return np.concatenate((back, self.abandon))
+
+
+def with_cup(urdf: str, radius: float) -> str:
+    """Add a cup of a radius in m to the last link of a URDF."""
+    robot = etree.fromstring(urdf.encode())
+    form = f'<cylinder radius="{radius}" length="{CUP}"/>'
+    cup = f'<origin xyz="0 0 {CUP / 2}"/><geometry>{form}</geometry>'
+    robot.findall("link")[-1].append(etree.fromstring(f"<collision>{cup}</collision>"))
+    return etree.tostring(robot, encoding="unicode")
+
+
+class Arm(ABC):
+    """An arm whose tool points straight down.
+
+    Attributes
+    ----------
+    urdf : str
+        The text of its URDF. Its last link is the tool: the origin is the middle of the cup's face,
+        z points up.
+    base : Motion
+        Where its base is, in m.
+    bodies : sequence of Trimesh
+        The meshes of its links, in m.
+    """
+
+    urdf: str
+    base: Motion
+    bodies: Sequence[trimesh.Trimesh]
+
+    @abstractmethod
+    def poses(self, joints: Floats) -> Sequence[Motion]:
+        """Return where the bodies are, in m, and last the tool."""
+
+    @abstractmethod
+    def check(self, cells: Triple, longest: float) -> None:
+        """Check that the arm reaches all of the box and the station.
+
+        Parameters
+        ----------
+        cells : Triple
+            The cells of the box.
+        longest : float
+            The longest extent of an item, m: it has to pass above the rim.
+
+        Raises
+        ------
+        ArgumentError
+            If it does not.
+        """
+
+    @abstractmethod
+    def route(self, path: ToolPath, load: trimesh.Trimesh, seed: Sequence[int]) -> Route | None:
+        """Plan how to move an item.
+
+        Parameters
+        ----------
+        path : ToolPath
+            Where the tool passes.
+        load : Trimesh
+            The item at the station, in m.
+        seed : sequence of int
+            Seed of the planner.
+
+        Returns
+        -------
+        Route or None
+            The route; None if there is none, or it was not found.
+        """

@@ -1,0 +1,412 @@
+"""The panda: an arm with seven joints on a pedestal, whose tool always points straight down.
+
+Its model comes with PyBullet. The third and the fifth joint stay at 0, and the sixth follows the
+second and the fourth, so that the tool is vertical: joints of which this holds are level. A mean of
+level joints is level too, so that what the tool holds keeps its rotation on every straight move.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from lxml import etree
+from trimesh import transformations
+
+from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.extras import MissingPackageError, needed_for
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.motions import Motion
+from packit_sim.robot.arm import CUP, STATION_REACH, TUBE, Arm, Route, ToolPath
+from packit_sim.robot.cell import PANDA, WALL, RobotCell
+from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
+from packit_sim.robot.motion import along
+from packit_sim.robot.paths import find_path
+
+LEVEL = (0, 1, 3, 6)
+"""The joints that are chosen; the others follow."""
+
+ADAPTER = (0.06, 0.06, 0.04)
+"""The block that fixes the tube to the flange, m."""
+
+HAND = 6
+"""The number of links that can meet a held item: the others are above it."""
+
+HOME = 0.40
+"""Metres between the axis of the base and the cup, before and after."""
+
+EDGE_POINTS = 50
+"""Points of an edge between which joints are interpolated."""
+
+PEDESTAL = 0.20
+"""Side of the column on which the base stands, m."""
+
+TUBE_MARGIN = 0.10
+"""Metres by which the tube is longer than the box is high: the flange never enters the box."""
+
+_MOVED = np.array((1.0, 0.85, 0.6, 0.35))
+"""Bounds of how far a point of the arm or of what it holds moves, in m, by a radian of a level
+joint."""
+
+_LINE = 0.005
+"""Metres between two points of a straight line of the tool that are checked."""
+
+
+@dataclass(frozen=True, eq=False)
+class PandaModel:
+    """The panda as PyBullet's file describes it, without its hand.
+
+    origins: (7, 4, 4), of the joints' frames in those of the links before. flange: m from the last
+    link's origin. low, high, speeds: limits of the joints (7,), in radians and rad/s. links: convex
+    meshes of the links, in m.
+    """
+
+    robot: Any
+    origins: Floats
+    flange: float
+    low: Floats
+    high: Floats
+    speeds: Floats
+    links: tuple[trimesh.Trimesh, ...]
+
+
+@functools.cache
+def panda_model() -> PandaModel:
+    """Read the model, or raise MissingPackageError."""
+    with needed_for("cells with the arm panda"):
+        import pybullet_data
+    folder = Path(pybullet_data.getDataPath()) / "franka_panda"
+    if not folder.is_dir():
+        raise MissingPackageError(
+            f"cells with the arm panda need {folder}, which PyBullet installs, and which was "
+            "removed: pip install --force-reinstall --no-deps pybullet"
+        )
+    robot = etree.parse(folder / "panda.urdf").getroot()
+    names = [f"panda_link{n}" for n in range(9)]
+    for one in robot.findall("link"):
+        if one.get("name") not in names:
+            robot.remove(one)
+        for part in (*one.findall("visual"), *one.findall("collision")):
+            one.remove(part)
+    for one in robot.findall("joint"):
+        if one.find("child").get("link") not in names:
+            robot.remove(one)
+    joints = robot.findall("joint")
+    origins = [_origin(one) for one in joints]
+    limits = [one.find("safety_controller") for one in joints[:7]]
+    paths = [folder / "meshes" / "collision" / f"link{n}.obj" for n in range(8)]
+    return PandaModel(
+        robot,
+        np.array(origins[:7]),
+        float(origins[7][2, 3]),
+        np.array([float(one.get("soft_lower_limit")) for one in limits]),
+        np.array([float(one.get("soft_upper_limit")) for one in limits]),
+        np.array([float(one.find("limit").get("velocity")) for one in joints[:7]]),
+        tuple(trimesh.load_mesh(path).convex_hull for path in paths),
+    )
+
+
+def _box(mesh: trimesh.Trimesh) -> str:
+    """Return a box of the tool as a URDF has it."""
+    x, y, z = mesh.extents.tolist()
+    origin = f'<origin xyz="0 0 {mesh.bounds[:, 2].mean()}"/>'
+    return f'<collision>{origin}<geometry><box size="{x} {y} {z}"/></geometry></collision>'
+
+
+def _origin(joint: Any) -> Floats:
+    xyz, rpy = (
+        [float(one) for one in joint.find("origin").get(name).split()] for name in ("xyz", "rpy")
+    )
+    matrix = transformations.euler_matrix(*rpy)
+    matrix[:3, 3] = xyz
+    return np.asarray(matrix)
+
+
+@dataclass(frozen=True, eq=False)
+class Panda(Arm):
+    """The panda with a tube that carries the cup.
+
+    Attributes
+    ----------
+    cell : RobotCell
+        The cell.
+    cells : Triple
+        The cells of the box.
+    length : float
+        From the flange to the cup's face, m.
+    """
+
+    cell: RobotCell
+    cells: Triple
+    length: float
+    base: Motion
+    urdf: str
+    bodies: tuple[trimesh.Trimesh, ...]
+
+    @classmethod
+    def of(cls, cell: RobotCell, cells: Triple) -> Panda:
+        """Create the arm for a box.
+
+        Returns
+        -------
+        Panda
+            The arm.
+
+        Raises
+        ------
+        MissingPackageError
+            If its files, which come with PyBullet, are missing.
+        """
+        model = panda_model()
+        length = float(cell.size(cells)[2]) + TUBE_MARGIN
+        middle = float(cell.size(cells)[2]) + cell.clearance  # of the heights of the cup
+        height = max(middle + length + model.flange - model.origins[0, 2, 3], 0.0)
+        x, y = cell.foot(cells)
+        tube = trimesh.creation.box((TUBE, TUBE, length - CUP - ADAPTER[2]))
+        tube.apply_translation((0, 0, (length + CUP - ADAPTER[2]) / 2))
+        adapter = trimesh.creation.box(ADAPTER)
+        adapter.apply_translation((0, 0, length - ADAPTER[2] / 2))
+        tool = (
+            '<link name="tool"><inertial><mass value="0.2"/><inertia ixx="1" iyy="1" izz="1" '
+            f'ixy="0" ixz="0" iyz="0"/></inertial>{_box(tube)}{_box(adapter)}</link>'
+            '<joint name="tool" type="fixed"><parent link="panda_link8"/><child link="tool"/>'
+            f'<origin xyz="0 0 {length}" rpy="{math.pi} 0 0"/></joint></robot>'
+        )
+        text = etree.tostring(model.robot, encoding="unicode").replace("</robot>", tool)
+        base = Motion.shift((x, y, height))
+        return cls(cell, cells, length, base, text, (*model.links, adapter, tube))
+
+    def poses(self, joints: Floats) -> list[Motion]:
+        """Return where the bodies are, in m, and last the tool."""
+        frame = self.base.matrix
+        found = [self.base]
+        for origin, angle in zip(panda_model().origins, joints.tolist(), strict=True):
+            cosine, sine = math.cos(angle), math.sin(angle)
+            turn = np.array(
+                ((cosine, -sine, 0, 0), (sine, cosine, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+            )
+            frame = frame @ origin @ turn
+            found.append(Motion(frame[:3, :3], frame[:3, 3]))
+        reach = panda_model().flange + self.length
+        tool = Motion(
+            frame[:3, :3] * np.array((1.0, -1.0, -1.0)), frame[:3, 3] + frame[:3, 2] * reach
+        )
+        return [*found, tool, tool, tool]
+
+    def check(self, cells: Triple, longest: float) -> None:
+        size, station = self.cell.size(cells), self.cell.station(cells)
+        rim = float(size[2]) + self.cell.clearance
+        x, y = size[:2].tolist()
+        box = [(a, b) for a in (0, x / 2, x) for b in (0, y / 2, y)]
+        turns = np.arange(8) * math.pi / 4
+        around = station[:2] + STATION_REACH * np.column_stack((np.cos(turns), np.sin(turns)))
+        for name, spots in (("box", box), ("station", around.tolist())):
+            for height, what in ((0.0, "down to"), (rim + longest, "above the rim to")):
+                points = np.array([(*spot, height) for spot in spots])
+                reached = self._is_possible(self._inverse(points, 0.0))
+                if not reached.all():
+                    spot = ", ".join(f"{one:.3g}" for one in points[~reached][0])
+                    raise ArgumentError(
+                        f"arm {PANDA!r} can't reach the {name}: with an item {longest:.3g} m long "
+                        f"in a box of {' x '.join(f'{one:.3g}' for one in size)} m its cup must "
+                        f"come {what} the point ({spot}) m; choose a smaller edge, now "
+                        f"{self.cell.edge:g} m, or arm gantry"
+                    )
+
+    def route(self, path: ToolPath, load: trimesh.Trimesh, seed: Sequence[int]) -> Route | None:
+        """Plan straight lines down and up, and level paths between them."""
+        bearings = [self._bearing(point) - point[3] for point in (path.pick, path.place)]
+        turn = math.remainder(bearings[0] - bearings[1], 2 * math.pi) / 2
+        fetch = self._line(path.lifted, path.pick, turn)
+        insert = self._line(path.over_place, path.place, -turn)
+        retreat = self._line(path.place, path.retreat, -turn)
+        top = float(path.retreat[2]) - self.cell.clearance
+        obstacles = self._obstacles(top)
+        links = self._padded[:-1]  # the tube comes down where the item comes down
+        for line in (fetch, insert, retreat):
+            if not self._is_possible(line).all():
+                return None
+            if not all(self._is_clear(point, links, obstacles) for point in line):
+                return None
+        home = self._inverse(self._home(top), 0.0)[0]
+        with_item = self._obstacles(top, load.bounds)
+        held = load.copy()
+        held.apply_translation(-path.pick[:3])
+        held.apply_transform(transformations.rotation_matrix(-self._yaw(fetch[-1]), (0, 0, 1)))
+        rng = np.random.default_rng(seed)
+        reach = self._path(home, fetch[0], self._padded, with_item, rng)
+        bodies = (*self._padded, PaddedBody.of(held))
+        carry = self._path(fetch[0], insert[0], bodies, obstacles, rng)
+        back = self._path(retreat[-1], home, self._padded, obstacles, rng)
+        if reach is None or carry is None or back is None:
+            return None
+        up = self._timed(fetch[::-1])
+        approach = self._along_edges(reach)
+        return Route(
+            start=_level(home),
+            approach=np.concatenate((approach, self._timed(fetch))),
+            carry=np.concatenate((up, self._along_edges(carry), self._timed(insert))),
+            leave=np.concatenate((self._timed(retreat), self._along_edges(back))),
+            lifted=len(up),
+            abandon=np.concatenate((approach[::-1], _level(home)[None])),
+        )
+
+    @cached_property
+    def _padded(self) -> tuple[PaddedBody, ...]:
+        return tuple(map(PaddedBody.of, self.bodies))
+
+    @cached_property
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Pairs of bodies that can meet: those that are apart at home."""
+        poses = self.poses(_level(self._inverse(self._home(0.0), 0.0)[0]))
+        pairs = combinations(enumerate(self._padded), 2)
+        return [(i, j) for (i, a), (j, b) in pairs if are_apart(a, poses[i], b, poses[j])]
+
+    def _home(self, top: float) -> Floats:
+        """Return where the cup is before and after, (1, 3): between the box and the station."""
+        x, y = self.cell.foot(self.cells)
+        spot = HOME / math.sqrt(2)
+        least = float(self.cell.size(self.cells)[2])
+        return np.array(((x + spot, y + spot, max(top, least) + 2 * self.cell.clearance),))
+
+    def _obstacles(self, top: float, item: Floats | None = None) -> Obstacles:
+        """Return the box as a block up to a height, the table, the pedestal, and an item."""
+        x, y, _ = self.cell.size(self.cells).tolist()
+        wall, far = WALL * self.cell.edge, 5.0
+        at, half = self.base.translation, np.array((PEDESTAL / 2, PEDESTAL / 2, 0.0))
+        ends = [
+            ((-wall, -wall, 0), (x + wall, y + wall, top)),
+            ((-far, -far, -1), (far, far, 0)),
+            (at * (1, 1, 0) - half, at + half),
+        ]
+        return Obstacles.of([*ends, item] if item is not None else ends)
+
+    def _is_clear(self, free: Floats, bodies: Sequence[PaddedBody], obstacles: Obstacles) -> bool:
+        """Decide whether bodies are clear of obstacles and of each other; the last may be held."""
+        poses = self.poses(_level(free))
+        moving = list(zip(bodies, poses, strict=False))
+        if not all(obstacles.is_clear(*one) for one in moving[1:]):  # the first one is fixed
+            return False
+        held = ((n, len(self.bodies)) for n in range(HAND))
+        return all(
+            are_apart(*moving[i], *moving[j]) for i, j in (*self._pairs, *held) if j < len(moving)
+        )
+
+    def _path(
+        self,
+        start: Floats,
+        goal: Floats,
+        bodies: Sequence[PaddedBody],
+        obstacles: Obstacles,
+        rng: np.random.Generator,
+    ) -> Floats | None:
+        """Find a path between level joints."""
+
+        def is_free(one: Floats, other: Floats) -> bool:
+            count = math.ceil(float(np.abs(other - one) @ _MOVED) / (2 * PADDING)) + 1
+            points = np.linspace(one, other, max(count, 2))
+            return bool(self._is_possible(points).all()) and all(
+                self._is_clear(point, bodies, obstacles) for point in points[_spread(len(points))]
+            )
+
+        model = panda_model()
+        low, high = (limit[list(LEVEL)] for limit in (model.low, model.high))
+        return find_path(start, goal, low, high, is_free, rng)
+
+    def _bearing(self, point: Floats) -> float:
+        x, y, _ = point[:3] - self.base.translation
+        return math.atan2(y, x)
+
+    def _yaw(self, free: Floats) -> float:
+        """Return the angle of the tool about the vertical."""
+        x, y = self.poses(_level(free))[-1].rotation[:2, 0].tolist()
+        return math.atan2(y, x)
+
+    def _line(self, start: Floats, end: Floats, last: float) -> Floats:
+        """Return level joints (n, 4) along a straight line of the tool; nan out of reach."""
+        count = math.ceil(float(np.linalg.norm(end[:3] - start[:3])) / _LINE) + 1
+        return self._inverse(np.linspace(start[:3], end[:3], count), last)
+
+    def _inverse(self, points: Floats, last: float) -> Floats:
+        """Return level joints (n, 4) for places of the cup (n, 3) in m; nan out of reach."""
+        x, y, z = (points - self.base.translation).T
+        upper, lower, bend, fold, offset, shoulder = _lengths()
+        away = np.hypot(x, y) - offset
+        high = z + self.length + panda_model().flange - shoulder
+        cosine = (away**2 + high**2 - upper**2 - lower**2) / (2 * upper * lower)
+        angle = np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
+        lift = np.arctan2(away, high) - np.arctan2(
+            lower * np.sin(angle), upper + lower * np.cos(angle)
+        )
+        return np.column_stack(
+            (np.arctan2(y, x), lift - bend, -angle - fold, np.full(len(points), last))
+        )
+
+    def _is_possible(self, free: Floats) -> npt.NDArray[np.bool_]:
+        """Decide which level joints (n, 4) are within the limits."""
+        joints = _level(free)
+        return np.asarray(
+            ((joints >= panda_model().low) & (joints <= panda_model().high)).all(axis=1)
+        )
+
+    def _along_edges(self, corners: Floats) -> Floats:
+        """Time a path between level joints, with a stop at each corner."""
+        edges = [np.linspace(one, other, EDGE_POINTS) for one, other in pairwise(corners)]
+        return np.concatenate([self._timed(edge) for edge in edges])
+
+    def _timed(self, free: Floats) -> Floats:
+        """Time a path of level joints (n, 4), within the limits of the tool and the joints."""
+        joints = _level(free)
+        seconds = (np.abs(np.diff(joints, axis=0)) / panda_model().speeds).max(axis=1)
+        moved = np.linalg.norm(np.diff(self._cups(free), axis=0), axis=1)
+        return along(joints, np.maximum(seconds * self.cell.speed, moved), self.cell)
+
+    def _cups(self, free: Floats) -> Floats:
+        """Return where the cup is, (n, 3), at level joints (n, 4)."""
+        upper, lower, bend, fold, offset, shoulder = _lengths()
+        first = free[:, 1] + bend
+        second = first - free[:, 2] - fold
+        away = upper * np.sin(first) + lower * np.sin(second) + offset
+        high = upper * np.cos(first) + lower * np.cos(second) + shoulder
+        high -= self.length + panda_model().flange
+        return self.base.translation + np.column_stack(
+            (away * np.cos(free[:, 0]), away * np.sin(free[:, 0]), high)
+        )
+
+
+def _level(free: Floats) -> Floats:
+    """Return all joints (..., 7) for level ones (..., 4)."""
+    first, second, fourth, last = np.moveaxis(free, -1, 0)
+    none = np.zeros_like(first)
+    return np.stack((first, second, none, fourth, none, second - fourth, last), axis=-1)
+
+
+@functools.cache
+def _lengths() -> tuple[float, ...]:
+    """Return the arm as two straight pieces in a vertical plane.
+
+    Lengths of the upper and the lower piece in m, the angle between the upper one and the second
+    joint, that of both and the fourth joint, the distance of the flange's axis from the wrist, and
+    the height of the shoulder.
+    """
+    shifts = panda_model().origins[:, :3, 3]
+    rise, side = -float(shifts[2, 1]), float(shifts[3, 0])
+    reach, back = float(shifts[4, 1]), -float(shifts[4, 0])
+    bend, fold = math.atan2(side, rise), math.atan2(back, reach)
+    lengths = math.hypot(rise, side), math.hypot(reach, back)
+    return (*lengths, bend, bend + fold, float(shifts[6, 0]), float(shifts[0, 2]))
+
+
+def _spread(count: int) -> list[int]:
+    """Order the points of an edge so that coarse steps come first, which find most collisions."""
+    return sorted(range(count), key=lambda n: (n & -n) if n else count, reverse=True)
