@@ -107,7 +107,7 @@ class _Client(threading.Thread):
             state = self._rest()
             if state["message"].startswith("error: "):
                 self.refusal = state["message"].removeprefix("error: ")
-            elif state["message"]:
+            elif not state["message"].startswith("done"):
                 self.problem = state["message"]
             self._check(state.get("result", {}).get("downloads", []))
 

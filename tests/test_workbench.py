@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import http.client
+import io
 import json
 import os
 import shutil
@@ -12,6 +13,7 @@ import sys
 import tempfile
 import threading
 import time
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -114,17 +116,93 @@ def test_parts_are_packed_and_stay_where_they_are_locked(bench, tmp_path) -> Non
 
     kept = found["result"]["boxes"][0]["parts"].index("cube")
     files[0]["count"] = 3
-    order = {**ORDER, "files": files, "locked": [kept], "seed": 1, "instructions": True}
+    order = {**ORDER, "files": files, "seed": 1, "instructions": True}
+    assert post(bench, "/lock", {"part": kept, "locked": True}) == (200, {})
     assert post(bench, "/pack", order)[0] == 200
-    found = wait(bench, lambda one: is_done(one) and one["result"]["locked"] == 1)
+    found = wait(bench, lambda one: is_done(one) and one["locked"])
     assert found["result"]["problems"] == []
     assert sorted(found["result"]["boxes"][0]["parts"]) == ["cube", "cube", "cube", "cube-2"]
     assert "instructions.html" in found["result"]["downloads"]
+    assert found["message"].endswith("before, with another order, 3 of 3 parts")
     after = centres(ask(bench, "GET", "/files/packing.3mf")[1], tmp_path)
-    assert np.abs(after["fixed 01 cube"] - before[f"{kept + 1:02d} cube"]).max() < 1e-3
+    name = f"{found['locked'][0] + 1:02d} cube"
+    assert np.abs(after[name] - before[f"{kept + 1:02d} cube"]).max() < 1e-3
+    with zipfile.ZipFile(io.BytesIO(ask(bench, "GET", "/packing.zip")[1])) as archive:
+        assert archive.testzip() is None
+        assert archive.namelist() == found["result"]["downloads"]
 
-    status, answer = post(bench, "/pack", {**order, "files": files[:1], "locked": [0, 1, 2, 3]})
-    assert status == 400 and "all parts are locked" in answer["error"]
+    for n in range(4):
+        post(bench, "/lock", {"part": n, "locked": True})
+    assert post(bench, "/pack", order)[0] == 200
+    found = wait(bench, is_done)
+    assert found["locked"] == [0, 1, 2, 3]
+    assert "nothing better was found" in found["message"]
+
+
+def test_no_worse_packing_replaces_a_better_one_and_locked_parts_count(bench) -> None:
+    number = send(bench, "cube.stl", creation.box((6, 6, 6)))
+    files = [{"number": number, "count": 12, "rotations": "fixed"}]
+    order = {**ORDER, "box": "19x19x7", "clearance": "0", "seconds": 0.2, "files": files}
+    assert post(bench, "/pack", order)[0] == 200
+    before = wait(bench, is_done)
+    assert len(before["result"]["boxes"][0]["parts"]) == 9
+    for part in (0, 4):
+        assert post(bench, "/lock", {"part": part, "locked": True})[0] == 200
+    assert post(bench, "/lock", {"part": 9, "locked": True})[0] == 400
+    send(bench, "other.stl", creation.box((6, 6, 6)))  # locks survive another file,
+    assert state(bench)["locked"] == [0, 4]
+    post(bench, "/pack", {**order, "box": "7x7x7"})  # an error,
+    failed = wait(bench, lambda one: not one["busy"])
+    assert "cube is locked, but it reaches" in failed["message"] and failed["locked"] == [0, 4]
+    assert post(bench, "/pack", order)[0] == 200  # and another search
+    after = wait(bench, is_done)
+    parts = after["result"]["boxes"][0]["parts"]
+    assert parts == ["cube"] * 9 and len(after["locked"]) == 2
+    assert after["result"]["summary"]["packed"] == "9 of 12 parts"
+    for part in after["locked"]:
+        assert post(bench, "/lock", {"part": part, "locked": False})[0] == 200
+    assert post(bench, "/pack", order)[0] == 200
+    assert len(wait(bench, is_done)["result"]["boxes"][0]["parts"]) == 9
+
+
+def test_results_are_undone_with_their_locks_and_the_order_stays(bench) -> None:
+    number = send(bench, "cube.stl", creation.box((6, 6, 6)))
+    order = {**ORDER, "files": [{"number": number, "count": 1, "rotations": "cube"}]}
+    assert post(bench, "/undo", {})[0] == 413 and ask(bench, "POST", "/undo")[0] == 400
+    assert post(bench, "/pack", order)[0] == 200
+    first = wait(bench, is_done)
+    assert (first["undo"], first["redo"]) == (False, False)
+    assert post(bench, "/lock", {"part": 0, "locked": True})[0] == 200
+    more = {**order, "files": [{**order["files"][0], "count": 2}]}
+    assert post(bench, "/pack", more)[0] == 200
+    second = wait(bench, lambda one: is_done(one) and one["undo"])
+    assert len(second["result"]["boxes"][0]["parts"]) == 2
+    assert second["order"]["files"][0]["count"] == 2 and second["order"]["box"] == "20x10x15"
+
+    assert ask(bench, "POST", "/undo")[0] == 200
+    undone = state(bench)
+    assert undone["result"]["boxes"][0]["parts"] == ["cube"] and undone["locked"] == [0]
+    assert undone["result"]["downloads"] == [] and undone["redo"]
+    assert ask(bench, "GET", "/packing.zip")[0] == 404
+    assert len(list(bench.folder.glob("packing-*"))) == 0
+    assert post(bench, "/write", {})[0] == 200
+    assert wait(bench, is_done)["message"] == "done: the files are written"
+    assert ask(bench, "POST", "/redo")[0] == 200
+    assert len(state(bench)["result"]["boxes"][0]["parts"]) == 2
+    assert post(bench, "/order", {**more, "box": "1x2x3"})[0] == 200
+    assert state(bench)["order"]["box"] == "1x2x3"
+
+
+def test_the_unit_of_a_file_can_be_changed(bench) -> None:
+    number = send(bench, "cube.stl", creation.box((6, 6, 6)))
+    assert post(bench, "/unit", {"number": number, "unit": "in"}) == (200, {})
+    (file,) = state(bench)["files"]
+    assert (file["unit"], file["size"], file["own unit"]) == ("in", "6 x 6 x 6 in", False)
+    files = [{"number": number, "count": 1, "rotations": "cube"}]
+    assert post(bench, "/pack", {**ORDER, "box": "160x160x160", "files": files})[0] == 200
+    assert wait(bench, is_done)["result"]["summary"]["height"].startswith("152")
+    assert post(bench, "/unit", {"number": number, "unit": "ell"})[0] == 400
+    assert post(bench, "/unit", {"number": 99, "unit": "mm"})[0] == 400
 
 
 def test_a_search_can_be_ended_and_only_one_runs(bench) -> None:
@@ -158,7 +236,6 @@ def test_an_order_that_is_not_possible_gets_one_sentence(bench) -> None:
         ({"files": [{**files[0], "rotations": "none"}]}, "none"),
         ({"seconds": 0}, "seconds"),
         ({"more": 1}, "more"),
-        ({"locked": [0]}, "can be locked"),
     ):
         status, answer = post(bench, "/pack", {**ORDER, "files": files, **change})
         found = answer.get("error") or wait(bench, lambda one: not one["busy"])["message"]
@@ -245,7 +322,7 @@ def test_files_that_are_removed_during_a_search_stay_until_it_ends(bench, monkey
     assert status == 422 and "1 files already" in data.decode()
     assert ask(bench, "POST", "/stop")[0] == 200
     found = wait(bench, is_done)
-    assert found["message"] == "" and found["result"]["problems"] == []
+    assert found["message"].startswith("done in") and found["result"]["problems"] == []
     assert ask(bench, "GET", "/files/packing.3mf")[0] == 200
     assert not list((bench.folder / "parts").iterdir())
     send(bench, "b.stl", creation.box((6, 6, 6)))
@@ -266,7 +343,7 @@ def test_an_earlier_result_stays_when_a_later_search_fails(bench, monkeypatch, c
         assert sentence in after["message"] and after["result"] == found
         assert ask(bench, "GET", "/files/packing.3mf") == data
     assert not [each for each in caplog.records if each.levelname in ("WARNING", "ERROR")]
-    assert post(bench, "/pack", {**ORDER, "files": files, "locked": [0]})[0] == 200
+    assert post(bench, "/lock", {"part": 0, "locked": True})[0] == 200
 
 
 def _full(*_: object, **__: object) -> None:

@@ -97,7 +97,7 @@ def _read_record(data: bytes) -> None:
 def _orders() -> list[bytes]:
     files = [{"number": 1, "count": 2, "rotations": "cube"}]
     order = {"box": "A:30 x 2.5e1x.2in=2", "unit": "mm", "files": files, "clearance": "0.5mm"}
-    return [json.dumps(order | {"seconds": 1.5, "seed": 3, "locked": [0, 2]}).encode()]
+    return [json.dumps(order | {"seconds": 1.5, "seed": 3, "instructions": True}).encode()]
 
 
 def _read_order(data: bytes) -> None:

@@ -7,13 +7,15 @@ const BoxScene = (() => {
   const TURN = Math.PI / 24;
   const GLASS = 0.1; // opacity of items that are not marked
   const PIXELS = 2; // the most device pixels per CSS pixel
+  const FAR = 0.7; // how much farther the camera goes, and
+  const DOWN = 0.4; // how many heights all goes down, while items are moved apart by their own distance
 
   const renderer = start();
 
   function start() {
     try {
       const webgl = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
-      webgl.shadowMap.enabled = true;
+      webgl.shadowMap.enabled = webgl.localClippingEnabled = true;
       webgl.shadowMap.type = THREE.PCFShadowMap;
       return webgl;
     } catch {
@@ -81,6 +83,23 @@ const BoxScene = (() => {
     mesh.castShadow = !glass;
   }
 
+  // Move the items of a box apart by a share of their distance from the middle of its floor.
+  function apart(view, camera, share) {
+    const [x, y, z] = view.size;
+    const middle = new THREE.Vector3(x / 2, y / 2, 0);
+    for (const { mesh } of view.items) {
+      mesh.position.copy(mesh.userData.home).sub(middle).multiplyScalar(share).add(mesh.userData.home);
+    }
+    view.scene.position.z = -DOWN * share * z;
+    camera.zoom = 1 / (1 + FAR * share);
+  }
+
+  // Cut off a share of a box, from the side of the camera's first place.
+  function cut(view, share) {
+    const plane = { normal: new THREE.Vector3(0, -1, 0), constant: (1 - share) * view.size[1] };
+    for (const { mesh } of view.items) mesh.material.clippingPlanes = share > 0 ? [plane] : [];
+  }
+
   // Create a camera that looks at a box, with controls on its canvas.
   function look([x, y, z], canvas, changed) {
     const camera = new THREE.PerspectiveCamera(FOV, 1, 0.01, 100);
@@ -146,9 +165,11 @@ const BoxScene = (() => {
     const ray = new THREE.Raycaster();
     ray.setFromCamera(at, camera);
     const visible = view.items.filter(({ mesh }) => mesh.visible);
-    const [hit] = ray.intersectObjects(visible.map(({ mesh }) => mesh), false);
+    const hits = ray.intersectObjects(visible.map(({ mesh }) => mesh), false);
+    const isLeft = ({ normal, constant }, point) => normal.dot(point) + constant >= 0;
+    const hit = hits.find(({ object, point }) => (object.material.clippingPlanes || []).every((plane) => isLeft(plane, point)));
     return hit && visible.find(({ mesh }) => mesh === hit.object);
   }
 
-  return { isPossible: renderer !== null, build, glaze, look, draw, turn, itemAt };
+  return { isPossible: renderer !== null, build, glaze, apart, cut, look, draw, turn, itemAt };
 })();

@@ -3,8 +3,6 @@
 (() => {
   const models = document.getElementById("models");
   const data = JSON.parse(models.textContent);
-  const FAR = 0.7; // how much farther the camera goes, and
-  const DOWN = 0.4; // how many heights all goes down, while items are moved apart by their own distance
   const PERCENT = 100;
 
   const cards = [...document.querySelectorAll(".card")].map((figure) => new Card(figure));
@@ -128,16 +126,11 @@
     function draw() {
       if (!BoxScene.isPossible) return;
       if (!view) build();
-      const share = Number(apart.value) / PERCENT;
-      const [x, y, z] = view.size;
-      const middle = new THREE.Vector3(x / 2, y / 2, 0);
       view.items.forEach(({ mesh }, n) => {
         mesh.visible = n < Number(step.value);
         BoxScene.glaze(mesh, marked !== null && !marked.has(`${by.value}:${n}`));
-        mesh.position.copy(mesh.userData.home).sub(middle).multiplyScalar(share).add(mesh.userData.home);
       });
-      view.scene.position.z = -DOWN * share * z;
-      camera.zoom = 1 / (1 + FAR * share);
+      BoxScene.apart(view, camera, Number(apart.value) / PERCENT);
       BoxScene.draw(view, camera, canvas);
     }
 

@@ -161,7 +161,7 @@ def find_parts(
         others = len(unread) - 1
         more = f" (and {others} other file{'s' * (others > 1)})" if others else ""
         raise ArgumentError(f"no part can be read: {first.source}: {first.reason}{more}")
-    assumed = {each.file for each in parts if each.file and not _defines_unit(each.file)}
+    assumed = {each.file for each in parts if each.file and not defines_unit(each.file)}
     if assumed:
         files = "1 file" if len(assumed) == 1 else f"{len(assumed)} files"
         notes.insert(0, f"{files} without a unit of length read as {settings.unit}")
@@ -169,7 +169,8 @@ def find_parts(
     return Reading(tuple(with_own_names(parts)), tuple(unread), tuple(own_notes), tuple(inputs))
 
 
-def _defines_unit(file: Path) -> bool:
+def defines_unit(file: Path) -> bool:
+    """Return whether files with the suffix of this one define their unit of length."""
     return file.suffix.lower() in (".3mf", ".glb", ".gltf", ".dae", *STEP)
 
 

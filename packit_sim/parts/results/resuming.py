@@ -15,6 +15,7 @@ from msgspec import Meta, Struct, field
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackFormatError
+from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import listed, plain_logger
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import ROTATION_SLACK, Motion, matrix_fault, motion_and_scale
@@ -28,6 +29,7 @@ from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.validity import pair_problems
+from packit_sim.parts.reading.units import factor
 from packit_sim.parts.results.record import RECORD
 
 ROUNDING = 1e-7
@@ -87,22 +89,55 @@ def read_earlier(folder: Path, task: PackTask) -> PackedParts | None:
     except PackFormatError as error:
         _log.warning("%s is not used: %s", file, error)
         return None
-    placed, faults = placed_items(task, record.items, record.box_names)
-    packings = []
-    for name, own in zip(record.box_names, placed, strict=True):
-        if own:
-            container = container_named(task, name)
-            kept, conflicts = _without_conflicts(task, container, own)
-            packings.append(task.packing(container, kept))
-            faults += conflicts
-    packed = candidate(task, packings, record.searches)
-    faults += [(task.parts[n].part.name, reason) for n, reason in packed.rejected]
+    packed, faults = resumed(task, record.items, record.box_names, record.searches)
     if faults:
         _log.warning(
             "%s: %d of %d parts are not used: %s",
             *(file, len(faults), len(record.items), listed(sentences(faults))),
         )
     return packed if packed.packings else None
+
+
+def items_of(packed: PackedParts, unit: Unit) -> list[RecordedItem]:
+    """Return the items of a packing as a record in a unit of length has them."""
+    scale = np.array([factor(packed.task.unit, unit)] * 3 + [1.0])[:, None]
+    return [
+        RecordedItem(packed.part(one).part.name, box, (packed.pose(one) * scale).tolist())
+        for box, packing in enumerate(packed.packings)
+        for one in packing.placements
+    ]
+
+
+def resumed(
+    task: PackTask, items: Sequence[RecordedItem], box_names: Sequence[str], searches: int
+) -> tuple[PackedParts, list[tuple[str, str]]]:
+    """Return the packing of a task from which a search resumes, by the items of an earlier one.
+
+    Parameters
+    ----------
+    box_names : sequence of str
+        The name of each box of the earlier packing.
+    searches : int
+        How many searches led to it.
+
+    Returns
+    -------
+    packed : PackedParts
+        The items that break no rule of the task.
+    faults : list of (str, str)
+        The name of each other item, and the rule that it breaks.
+    """
+    placed, faults = placed_items(task, items, box_names)
+    packings = []
+    for name, own in zip(box_names, placed, strict=True):
+        if own:
+            container = container_named(task, name)
+            kept, conflicts = _without_conflicts(task, container, own)
+            packings.append(task.packing(container, kept))
+            faults += conflicts
+    packed = candidate(task, packings, searches)
+    faults += [(task.parts[n].part.name, reason) for n, reason in packed.rejected]
+    return packed, faults
 
 
 def placed_items(

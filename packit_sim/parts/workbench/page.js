@@ -2,16 +2,21 @@
 "use strict";
 (() => {
   const POLL = 500; // milliseconds
-  const LOCKED = "#8a6d3b";
+  const LOCKED = "#8a6d3b", MARKED = "#404040";
   const TURNS = { cube: "any way up", upright: "upright", fixed: "as in the file" };
   const get = (id) => document.getElementById(id);
   const form = get("order").elements;
   const canvas = get("scene");
   const asked = new Map(); // by the number of a file: how many, and how they may turn
+  const UNITS = ["mm", "cm", "in", "m"];
   let seen = -1;
+  let packing = ""; // which one is shown
   let result = null;
   let view, camera, controls, size;
   let locked = new Set();
+  let pointed = null; // the part under the pointer or the focus, in the box or in the list
+  let isLoaded = false;
+  let shownFiles = "[]";
 
   async function send(path, body) {
     const answer = await fetch(path, { method: "POST", body });
@@ -27,6 +32,7 @@
   function say(text, isError = false) {
     get("message").textContent = text;
     get("message").classList.toggle("error", isError || /^(unexpected )?error:/.test(text));
+    get("message").classList.toggle("done", /^done/.test(text));
   }
 
   async function add(files) {
@@ -52,18 +58,26 @@
       row.dataset.number = file.number;
       const name = element("th", file.name, { scope: "row" });
       name.append(element("small", file.parts > 1 ? `${file.parts} parts: ${file.size}` : file.size));
+      if (!file["own unit"]) name.append(unitOf(file));
       const count = element("input", null, { type: "number", min: 0, max: 10000, step: 1, value: own.count });
       count.setAttribute("aria-label", `How many of ${file.name}`);
-      count.addEventListener("input", () => { own.count = Math.max(0, Math.trunc(Number(count.value))); });
+      count.addEventListener("input", () => {
+        own.count = Math.max(0, Math.trunc(Number(count.value)));
+        keep();
+      });
       const turns = element("select", null);
       turns.setAttribute("aria-label", `How ${file.name} may turn`);
       for (const [value, text] of Object.entries(TURNS)) turns.append(element("option", text, { value }));
       turns.value = own.rotations;
-      turns.addEventListener("change", () => { own.rotations = turns.value; });
+      turns.addEventListener("change", () => {
+        own.rotations = turns.value;
+        keep();
+      });
       const remove = element("button", "\u00d7", { type: "button" });
       remove.setAttribute("aria-label", `Remove ${file.name}`);
       remove.addEventListener("click", async () => {
         asked.delete(file.number);
+        keep();
         await send("/remove", JSON.stringify({ number: file.number }));
         await poll();
       });
@@ -79,9 +93,54 @@
     get("files").tBodies[0].replaceChildren(...rows);
   }
 
+  // A choice of the unit in which a file is read that does not define one.
+  function unitOf(file) {
+    const unit = element("select", null);
+    unit.setAttribute("aria-label", `Unit of ${file.name}`);
+    for (const name of UNITS) unit.append(element("option", name));
+    unit.value = file.unit;
+    unit.addEventListener("change", async () => {
+      try {
+        await send("/unit", JSON.stringify({ number: file.number, unit: unit.value }));
+      } catch (error) {
+        say(error.message, true);
+      }
+      await poll();
+    });
+    const label = element("label", "read in ", { className: "unit" });
+    label.append(unit);
+    return label;
+  }
+
+  function order() {
+    const [x, y, z] = ["x", "y", "z"].map((name) => form[name].value);
+    return {
+      box: `${x}x${y}x${z}`,
+      unit: form.unit.value,
+      objective: form.objective.value,
+      clearance: form.clearance.value || "0",
+      wall_clearance: form.wall.value || "0",
+      seconds: Number(form.seconds.value) || 30,
+      instructions: form.instructions.checked,
+      files: [...asked].map(([number, own]) => ({ number, ...own })),
+    };
+  }
+
+  // Keep the order on the server, so that a reload of the page brings it back.
+  function keep() {
+    if (isLoaded) send("/order", JSON.stringify(order())).catch(() => {});
+  }
+
+  function restore(kept) {
+    [form.x.value, form.y.value, form.z.value] = kept.box.split("x");
+    for (const name of ["unit", "objective", "clearance", "seconds"]) form[name].value = kept[name];
+    form.wall.value = kept.wall_clearance;
+    form.instructions.checked = kept.instructions;
+    for (const { number, count, rotations } of kept.files) asked.set(number, { count, rotations });
+  }
+
   function showResult(found) {
     result = found;
-    locked = new Set(Array.from({ length: found.locked }, (_, n) => n));
     const number = get("number");
     const before = number.value;
     number.replaceChildren(...found.boxes.map((box, n) => element("option", `${n + 1}: ${box.name}`, { value: n })));
@@ -89,7 +148,9 @@
     get("choice").hidden = found.boxes.length < 2;
     get("result").hidden = false;
     const links = found.downloads.map((name) => element("a", name, { href: `/files/${encodeURIComponent(name)}`, download: name }));
+    if (links.length) links.unshift(element("a", "all files (.zip)", { href: "/packing.zip", download: "packing.zip", className: "all" }));
     get("downloads").replaceChildren(...links);
+    get("write").hidden = links.length > 0;
     get("left").replaceChildren(...found["left out"].map((text) => element("li", `left out: ${text}`)));
     const words = [...found.problems.map((text) => `problem: ${text}`), ...found.notes];
     get("notes").replaceChildren(...words.map((text) => element("li", text)));
@@ -104,13 +165,17 @@
 
   function showBox() {
     const n = Number(get("number").value);
-    const canLock = result.boxes.length === 1;
+    const canLock = result["can lock"];
     const rows = result.boxes[n].parts.map((name, part) => {
       const row = element("li", null);
       const label = element("label", null);
       const box = element("input", null, { type: "checkbox", checked: locked.has(part), disabled: !canLock });
       box.addEventListener("change", () => lock(part, box.checked));
-      label.append(box, name);
+      row.addEventListener("pointerenter", () => point(part));
+      row.addEventListener("pointerleave", () => point(null));
+      box.addEventListener("focus", () => point(part));
+      box.addEventListener("blur", () => point(null));
+      label.append(box, swatch(result.models.boxes[n].items[part].colors.item), name);
       row.append(label);
       return row;
     });
@@ -126,34 +191,86 @@
     paint();
   }
 
-  function lock(part, isLocked) {
-    if (isLocked) locked.add(part);
-    else locked.delete(part);
-    get("locks").querySelectorAll("input")[part].checked = isLocked;
+  function swatch(color) {
+    const shown = element("span", null, { className: "swatch" });
+    shown.style.background = color;
+    return shown;
+  }
+
+  async function lock(part, isLocked) {
+    try {
+      await send("/lock", JSON.stringify({ part, locked: isLocked }));
+    } catch (error) {
+      say(error.message, true);
+    }
+    await poll();
+  }
+
+  function showLocks(numbers) {
+    locked = new Set(numbers);
+    get("locks").querySelectorAll("input").forEach((box, n) => { box.checked = locked.has(n); });
+    paint();
+  }
+
+  // Mark a part in the box and in the list.
+  function point(part) {
+    if (part === pointed) return;
+    pointed = part;
+    const rows = [...get("locks").querySelectorAll("li")];
+    rows.forEach((row, n) => row.classList.toggle("pointed", n === part));
+    get("tip").hidden = part === null;
+    if (part !== null) get("tip").textContent = result.boxes[Number(get("number").value)].parts[part];
     paint();
   }
 
   function paint() {
     if (!view) return;
-    view.items.forEach(({ mesh, colors }, n) => mesh.material.color.set(locked.has(n) ? LOCKED : colors.item));
+    view.items.forEach(({ mesh, colors }, n) => {
+      mesh.material.color.set(locked.has(n) ? LOCKED : colors.item);
+      mesh.material.emissive.set(n === pointed ? MARKED : "#000000");
+    });
     draw();
   }
 
   function draw() {
-    if (view && camera) BoxScene.draw(view, camera, canvas);
+    if (!view || !camera) return;
+    BoxScene.apart(view, camera, Number(get("apart").value) / 100);
+    BoxScene.cut(view, Number(get("cut").value) / 100);
+    BoxScene.draw(view, camera, canvas);
+  }
+
+  async function step(name) {
+    if (get(name).disabled) return;
+    try {
+      await send(`/${name}`);
+    } catch (error) {
+      say(error.message, true);
+    }
+    await poll();
   }
 
   async function poll() {
-    const state = await (await fetch(`/state?seen=${seen}`)).json();
+    const query = new URLSearchParams({ seen, packing });
+    const state = await (await fetch(`/state?${query}`)).json();
     if (state.version < seen) return; // an answer that another one overtook
     get("pack").disabled = state.busy;
     get("stop").disabled = !state.busy;
     if (state.version === seen) return;
     seen = state.version;
+    get("undo").disabled = !state.undo;
+    get("redo").disabled = !state.redo;
+    if (!isLoaded && state.order) restore(state.order);
+    isLoaded = true;
     if (state.message || !/^sending/.test(get("message").textContent)) say(state.message);
-    const known = String([...get("files").tBodies[0].rows].map((row) => row.dataset.number));
-    if (String(state.files.map(({ number }) => number)) !== known) showFiles(state.files);
-    if (state.result) showResult(state.result);
+    const files = JSON.stringify(state.files);
+    if (files !== shownFiles) showFiles(state.files);
+    shownFiles = files;
+    if (state.result) {
+      packing = state.packing;
+      pointed = null;
+      showResult(state.result);
+    }
+    if (result) showLocks(state.locked);
   }
 
   async function watch() {
@@ -167,26 +284,31 @@
 
   get("order").addEventListener("submit", async (event) => {
     event.preventDefault();
-    const [x, y, z] = ["x", "y", "z"].map((name) => form[name].value);
-    const order = {
-      box: `${x}x${y}x${z}`,
-      unit: form.unit.value,
-      objective: form.objective.value,
-      clearance: form.clearance.value || "0",
-      wall_clearance: form.wall.value || "0",
-      seconds: Number(form.seconds.value),
-      instructions: form.instructions.checked,
-      files: [...asked].map(([number, own]) => ({ number, ...own })),
-      locked: [...locked],
-    };
     try {
-      await send("/pack", JSON.stringify(order));
+      await send("/pack", JSON.stringify(order()));
       await poll();
     } catch (error) {
       say(error.message, true);
     }
   });
+  get("order").addEventListener("change", keep);
   get("stop").addEventListener("click", () => send("/stop"));
+  for (const name of ["undo", "redo"]) get(name).addEventListener("click", () => step(name));
+  get("write").addEventListener("click", async () => {
+    try {
+      await send("/write", JSON.stringify({ instructions: form.instructions.checked }));
+    } catch (error) {
+      say(error.message, true);
+    }
+    await poll();
+  });
+  for (const name of ["apart", "cut"]) get(name).addEventListener("input", draw);
+  addEventListener("keydown", (event) => {
+    const isText = event.target.matches("input:not([type=checkbox]):not([type=range]), select");
+    if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || isText) return;
+    event.preventDefault();
+    step(event.shiftKey ? "redo" : "undo");
+  });
   get("choose").addEventListener("change", async (event) => {
     await add([...event.target.files]);
     event.target.value = "";
@@ -210,14 +332,13 @@
   canvas.addEventListener("pointermove", (event) => {
     if (!view || event.buttons) return;
     const item = BoxScene.itemAt(event, view, camera, canvas);
-    get("tip").hidden = !item;
-    if (item) get("tip").textContent = result.boxes[Number(get("number").value)].parts[view.items.indexOf(item)];
+    point(item ? view.items.indexOf(item) : null);
   });
-  canvas.addEventListener("pointerleave", () => { get("tip").hidden = true; });
+  canvas.addEventListener("pointerleave", () => point(null));
   let pressed = null;
   canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
   canvas.addEventListener("click", (event) => {
-    if (!view || result.boxes.length > 1 || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+    if (!view || !result["can lock"] || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
     const item = BoxScene.itemAt(event, view, camera, canvas);
     if (!item) return;
     const part = view.items.indexOf(item);

@@ -8,14 +8,19 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_line
 from packit_sim.libraries.mesh_files import SUFFIXES
-from packit_sim.parts.reading.files import ReadSettings, find_parts, with_own_names
+from packit_sim.parts.reading.files import (
+    ReadSettings,
+    defines_unit,
+    find_parts,
+    with_own_names,
+)
 from packit_sim.parts.reading.part import Part
 from packit_sim.web.http_server import RequestBody
 
@@ -48,6 +53,11 @@ class Upload:
     file: Path
     unit: Unit
     parts: tuple[Part, ...]
+
+    @property
+    def has_own_unit(self) -> bool:
+        """True if the file defines its unit."""
+        return defines_unit(self.file)
 
 
 class Uploads:
@@ -107,6 +117,17 @@ class Uploads:
                 sentence = str(error).replace(str(file), name)
                 raise ArgumentError(sentence.removeprefix("no part can be read: ")) from None
             raise
+
+    def read_in(self, number: int, unit: Unit) -> None:
+        """Read a file again, in another unit; raise ArgumentError if that is not possible."""
+        with self.kept([number]) as (upload,), self._reading:
+            parts = find_parts([upload.file], ReadSettings(unit)).parts
+            own = [
+                replace(new, name=old.name) for new, old in zip(parts, upload.parts, strict=True)
+            ]
+            with self._changing:
+                if number in self.files:
+                    self.files[number] = replace(upload, unit=unit, parts=tuple(own))
 
     def remove(self, number: int) -> None:
         """Forget a file; raise ArgumentError if there is none with this number."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import itertools
 import shutil
+import tempfile
 import threading
-from collections import Counter
-from collections.abc import Sequence
+import time
+import zipfile
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any
 
-import trimesh
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
@@ -21,17 +22,16 @@ from packit_sim.core.choices import Goal
 from packit_sim.core.errors import ArgumentError, PackItError, message
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.temporary_folders import TemporaryFolder
-from packit_sim.geometry.motions import split
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.task import PackSettings
-from packit_sim.parts.pack import pack
 from packit_sim.parts.reading.boxes import MeshBox
-from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
 from packit_sim.parts.reading.units import check_unit, lengths
 from packit_sim.parts.results.exports import export
-from packit_sim.parts.workbench.page_state import LockedPart, PageState, ShownPacking
+from packit_sim.parts.workbench.page_state import PageState, ShownPacking
+from packit_sim.parts.workbench.repacking import repacked
 from packit_sim.parts.workbench.uploads import MAX_BYTES, MAX_FILES, Upload, Uploads
 from packit_sim.web.http_server import (
     HttpRoute,
@@ -43,7 +43,14 @@ from packit_sim.web.http_server import (
 from packit_sim.web.origins import LOOPBACK
 from packit_sim.web.page_models import page_files
 
+ARCHIVE = "packing.zip"
+"""The name of all files of a result as one."""
+
 _MAX_JSON = 2**20
+
+_CHUNK = 2**20
+
+_CHECKING = "checking the result"
 
 _TYPES = {
     ".3mf": "model/3mf",
@@ -77,7 +84,10 @@ class PackingJob(Struct, forbid_unknown_fields=True):
     wall_clearance: str = "0"
     seconds: Annotated[float, Meta(gt=0, le=86400)] = 60.0
     seed: Annotated[int, Meta(ge=0)] = 0
-    locked: list[int] = []
+    instructions: bool = False
+
+
+class _Files(Struct, forbid_unknown_fields=True):
     instructions: bool = False
 
 
@@ -85,8 +95,21 @@ class _Number(Struct, forbid_unknown_fields=True):
     number: int
 
 
+class _Lock(Struct, forbid_unknown_fields=True):
+    part: int
+    locked: bool
+
+
+class _FileUnit(Struct, forbid_unknown_fields=True):
+    number: int
+    unit: str
+
+
 class Workbench:
     """A local web page to pack parts: send files, set the box, pack, lock parts, pack the rest.
+
+    Each search continues from the packing that is shown, so that no worse one follows it. Results
+    can be undone.
 
     Close it, or use it in a `with` statement. Nothing of it stays: the files that were sent and
     the results are in a temporary folder.
@@ -159,10 +182,17 @@ class Workbench:
         return found | {
             ("GET", "/state"): HttpRoute(self._state),
             ("GET", "/files/"): HttpRoute(self._download),
+            ("GET", f"/{ARCHIVE}"): HttpRoute(self._archive),
             ("POST", "/parts"): HttpRoute(self._upload, MAX_BYTES),
             ("POST", "/remove"): HttpRoute(self._remove, _MAX_JSON),
+            ("POST", "/unit"): HttpRoute(self._set_unit, _MAX_JSON),
+            ("POST", "/order"): HttpRoute(self._keep_order, _MAX_JSON),
+            ("POST", "/lock"): HttpRoute(self._lock, _MAX_JSON),
             ("POST", "/pack"): HttpRoute(self._pack, _MAX_JSON),
             ("POST", "/stop"): HttpRoute(self._end),
+            ("POST", "/undo"): HttpRoute(lambda _: self._move(-1)),
+            ("POST", "/redo"): HttpRoute(lambda _: self._move(1)),
+            ("POST", "/write"): HttpRoute(self._write, _MAX_JSON),
         }
 
     def _upload(self, request: WebRequest) -> WebAnswer:
@@ -179,12 +209,44 @@ class Workbench:
         self._page.note()
         return WebAnswer.of_json({})
 
+    def _set_unit(self, request: WebRequest) -> WebAnswer:
+        asked = _read(request, _FileUnit)
+        self._uploads.read_in(asked.number, check_unit(asked.unit))
+        self._page.note()
+        return WebAnswer.of_json({})
+
+    def _keep_order(self, request: WebRequest) -> WebAnswer:
+        self._page.order = typed_json.builtins(_read(request, PackingJob))
+        return WebAnswer.of_json({})
+
+    def _lock(self, request: WebRequest) -> WebAnswer:
+        asked = _read(request, _Lock)
+        self._page.lock(asked.part, asked.locked)
+        return WebAnswer.of_json({})
+
+    def _move(self, steps: int) -> WebAnswer:
+        if not self._page.move(steps):
+            raise RequestError("there is no such result, or a search is running")
+        return WebAnswer.of_json({})
+
     def _pack(self, request: WebRequest) -> WebAnswer:
         job = _read(request, PackingJob)
-        if not self._page.begin():
+        self._page.order = typed_json.builtins(job)
+        return self._begun(lambda: self._begin(job), "preparing the parts")
+
+    def _write(self, request: WebRequest) -> WebAnswer:
+        instructions = _read(request, _Files).instructions
+        shown = self._page.shown
+        if shown is None:
+            raise RequestError("there is no packing yet: press Pack")
+        return self._begun(lambda: self._start(self._export, shown, instructions), _CHECKING)
+
+    def _begun(self, begin: Callable[[], None], message: str) -> WebAnswer:
+        """Begin work on the packing, unless there is some already."""
+        if not self._page.begin(message):
             raise RequestError("a search is running: stop it first", HTTPStatus.CONFLICT)
         try:
-            self._begin(job)
+            begin()
         except BaseException as error:
             self._page.end(f"error: {error}")
             raise
@@ -202,94 +264,89 @@ class Workbench:
                 "cylinder:220x300mm; packit pack takes meshes"
             )
         self._stop = threading.Event()
-        locked = self._locked_parts(job.locked)
         uploads = ExitStack()
         with ExitStack() as failed:
             failed.push(uploads)
             numbers = [asked.number for asked in job.files]
-            files = uploads.enter_context(self._uploads.kept(numbers))
-            parts = _parts(job, files, Counter(each.name for each in locked))
+            parts = _parts(job, uploads.enter_context(self._uploads.kept(numbers)))
             settings = PackSettings(
                 clearance=_length(job.clearance, job.unit),
                 wall_clearance=_length(job.wall_clearance, job.unit),
                 unit=check_unit(job.unit),
-                reading=ReadSettings(check_unit(job.unit)),
-                fixed=[each.part for each in locked],
                 stop=self._stop,
             )
-            self._search = threading.Thread(
-                target=self._run, args=(job, parts, settings, locked, uploads), daemon=True
-            )
-            self._search.start()
+            self._start(self._run, job, parts, settings, self._page.shown, uploads)
             failed.pop_all()
 
-    def _locked_parts(self, numbers: list[int]) -> tuple[LockedPart, ...]:
-        """Return the parts of the last packing that stay, by their numbers in its one box."""
-        shown = self._page.shown
-        if not numbers:
-            return ()
-        if shown is None or len(shown.packed.packings) != 1:
-            raise ArgumentError("there is no packing in one box whose parts can be locked")
-        packed, locked = shown.packed, shown.locked
-        placements = packed.contents[0].placements
-        found = []
-        for n in sorted(set(numbers)):
-            if not 0 <= n < len(placements):
-                raise ArgumentError(f"there is no part {n} to lock")
-            part, pose = packed.part(placements[n]).part, packed.pose(placements[n])
-            linear, place = split(pose)
-            vertices = part.mesh.vertices @ linear.T + place
-            mesh = trimesh.Trimesh(vertices, part.mesh.faces, process=False)
-            name = locked[n].name if n < len(locked) else part.name
-            fixed = Part(name, mesh, unit=packed.task.unit, mass=part.mass, density=part.density)
-            found.append(LockedPart(name, fixed))
-        return tuple(found)
+    def _start(self, work: Callable[..., None], *arguments: Any) -> None:
+        """Begin work in a separate thread."""
+        self._search = threading.Thread(target=self._attempt, args=(work, arguments), daemon=True)
+        self._search.start()
+
+    def _attempt(self, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+        """Do work, and say on the page why it failed, if it did."""
+        try:
+            work(*arguments)
+        except (PackItError, OSError) as error:
+            self._page.end(f"error: {message(error)}")
+        except Exception as error:
+            _log.exception("the work failed")
+            self._page.end(f"unexpected error: {error}")
 
     def _run(
         self,
         job: PackingJob,
         parts: list[Part],
         settings: PackSettings,
-        locked: tuple[LockedPart, ...],
+        before: ShownPacking | None,
         uploads: ExitStack,
     ) -> None:
-        """Search, in a separate thread, and then let go of the files that were sent."""
-        out = self.folder / f"packing-{next(self._results)}"
-        total = sum(part.count for part in parts)
+        """Search, and then let go of the files that were sent."""
+        start = time.perf_counter()
 
-        def better(packed: PackedParts, seconds: float) -> None:
+        def show_step(step: str, done: int, total: int) -> None:
+            self._page.note(f"{step} the parts" + (f", {done} of {total}" if total else ""))
+
+        def better(packed: PackedParts, locked: tuple[int, ...]) -> None:
+            seconds = time.perf_counter() - start
             self._page.note(
-                f"{packed.count} of {total} parts, density {packed.density:.3f}, "
-                f"after {seconds:.0f} s",
+                f"{packed.packed_of_asked}, density {packed.density:.3f}, after {seconds:.0f} s",
                 ShownPacking(packed, locked),
             )
 
+        with uploads:
+            task = prepared_task(parts, job.box, job.objective, settings, show_step)
+            task.check_ways(job.instructions, film=False)
+            end = max(start + job.seconds, time.perf_counter() + job.seconds / 3)
+            earlier, locked = (None, ()) if before is None else (before.packed, before.locked)
+            packed, locked = repacked(task, earlier, locked, end, better)
+            if not packed.packings:
+                raise ArgumentError(f"nothing is packed: {packed.left_out[0].reason}")
+            shown = ShownPacking(packed, locked)
+            self._page.note(shown=shown)
+            self._export(shown, job.instructions, before, time.perf_counter() - start)
+
+    def _export(
+        self,
+        shown: ShownPacking,
+        instructions: bool,
+        before: ShownPacking | None = None,
+        seconds: float | None = None,
+    ) -> None:
+        """Check a packing and write its files; it is a new result if a search has found it."""
+        out = self.folder / f"packing-{next(self._results)}"
+
+        def show_step(step: str, done: int, total: int) -> None:
+            self._page.note(step + (f", {done} of {total}" if total > 1 else ""))
+
         try:
-            with uploads:
-                packed = pack(
-                    parts,
-                    job.box,
-                    job.objective,
-                    job.seconds,
-                    job.seed,
-                    callback=better,
-                    settings=settings,
-                )
-                if not packed.packings:
-                    raise ArgumentError(f"nothing is packed: {packed.left_out[0].reason}")
-                shown = ShownPacking(packed, locked)
-                self._page.note("checking the result and writing its files", shown)
-                files = export(packed, out, instructions=job.instructions)
-        except Exception as error:
+            files = export(shown.packed, out, show_step, instructions=instructions)
+        except BaseException:
             shutil.rmtree(out, ignore_errors=True)
-            if isinstance(error, (PackItError, OSError)):
-                self._page.end(f"error: {message(error)}")
-            else:
-                _log.exception("the search failed")
-                self._page.end(f"unexpected error: {error}")
-        else:
-            own = {file.name: file for file in files if file.parent == out}
-            self._page.end("", replace(shown, folder=out, files=own))
+            raise
+        own = {file.name: file for file in files if file.parent == out}
+        text = "done: the files are written" if seconds is None else _done(shown, before, seconds)
+        self._page.end(text, replace(shown, folder=out, files=own), seconds is not None)
 
     def _state(self, request: WebRequest) -> WebAnswer:
         """Return all that the page shows, unless it has seen it."""
@@ -298,6 +355,7 @@ class Workbench:
                 "number": each.number,
                 "name": each.file.name,
                 "unit": each.unit,
+                "own unit": each.has_own_unit,
                 "parts": sum(part.count for part in each.parts),
                 "size": " and ".join(
                     f"{lengths_text(part.mesh.extents)} {part.unit}" for part in each.parts[:2]
@@ -305,7 +363,24 @@ class Workbench:
             }
             for each in list(self._uploads.files.values())
         ]
-        return WebAnswer.of_json(self._page.to_json(request.query.get("seen"), files))
+        seen, packing = request.query.get("seen"), request.query.get("packing")
+        return WebAnswer.of_json(self._page.to_json(seen, packing, files))
+
+    def _archive(self, request: WebRequest) -> WebAnswer:
+        """Return all files of the result as one."""
+        files = self._page.all_opened()
+        if not files:
+            raise RequestError("there are no files yet", HTTPStatus.NOT_FOUND)
+        with ExitStack() as opened:
+            for file in files.values():
+                opened.enter_context(file)
+            whole = tempfile.TemporaryFile(dir=self.folder)  # noqa: SIM115 the server closes it
+            with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+                for name, file in files.items():
+                    with archive.open(name, "w", force_zip64=True) as member:
+                        shutil.copyfileobj(file, member, _CHUNK)
+        header = {"Content-Disposition": f'attachment; filename="{ARCHIVE}"'}
+        return WebAnswer(whole, "application/zip", header)
 
     def _download(self, request: WebRequest) -> WebAnswer:
         file = self._page.opened(request.path)
@@ -315,22 +390,34 @@ class Workbench:
         return WebAnswer(file, _TYPES[Path(request.path).suffix], name)
 
 
-def _parts(job: PackingJob, files: Sequence[Upload], locked: Counter[str]) -> list[Part]:
-    """Return the parts of a job, less those that are locked."""
-    found = []
-    for asked, upload in zip(job.files, files, strict=True):
-        parts = upload.parts
-        if upload.unit != job.unit:
-            parts = find_parts([upload.file], ReadSettings(check_unit(job.unit))).parts
-        for part, known in zip(parts, upload.parts, strict=True):
-            count = asked.count * part.count - locked[known.name]
-            if count > 0:
-                own = replace(part, name=known.name, count=count, rotations=asked.rotations)
-                found.append(own)
+def _parts(job: PackingJob, files: Sequence[Upload]) -> list[Part]:
+    """Return the parts of a job."""
+    found = [
+        replace(part, count=asked.count * part.count, rotations=asked.rotations)
+        for asked, upload in zip(job.files, files, strict=True)
+        for part in upload.parts
+        if asked.count > 0
+    ]
     if not found:
-        what = "all parts are locked" if job.files else "there are no parts: send mesh files"
+        what = "each count is 0" if job.files else "there are no parts: send mesh files"
         raise ArgumentError(what)
     return found
+
+
+def _done(shown: ShownPacking, before: ShownPacking | None, seconds: float) -> str:
+    """Return what a search has changed."""
+    packed = shown.packed
+    text = f"done in {seconds:.0f} s: {packed.packed_of_asked}, density {packed.density:.3f}"
+    if before is None:
+        return text
+    if before.packed.task.digest != packed.task.digest:
+        return f"{text}; before, with another order, {before.packed.packed_of_asked}"
+    more = packed.count - before.packed.count
+    if more:
+        return f"{text}; {abs(more)} part{'s' * (abs(more) > 1)} {'more' if more > 0 else 'fewer'}"
+    return f"{text}; " + (
+        "better than before" if packed.score > before.packed.score else "nothing better was found"
+    )
 
 
 def _file(file: Path, kind: str) -> Any:
