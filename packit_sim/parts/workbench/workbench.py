@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from http import HTTPStatus
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, BinaryIO, cast
 
 from msgspec import Meta, Struct
 
@@ -374,7 +374,8 @@ class Workbench:
         with ExitStack() as opened:
             for file in files.values():
                 opened.enter_context(file)
-            whole = tempfile.TemporaryFile(dir=self.folder)  # noqa: SIM115 the server closes it
+            # The server closes it.
+            whole = cast(BinaryIO, tempfile.TemporaryFile(dir=self.folder))  # noqa: SIM115
             with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
                 for name, file in files.items():
                     with archive.open(name, "w", force_zip64=True) as member:
