@@ -33,7 +33,7 @@ from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.rotation_sets import FREE, matrices
-from packit_sim.parts.reading.boxes import OneBox, box_types, box_unit
+from packit_sim.parts.reading.boxes import BoxType, box_types, box_unit
 from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.mesh_boxes import with_meshes
 from packit_sim.parts.reading.named_containers import without_names
@@ -92,7 +92,7 @@ class FittedPart:
 
 def fit(
     part: Part | Path | str,
-    container: OneBox,
+    container: str | BoxType | Container,
     time: float = 20.0,
     seed: int = 0,
     settings: PackSettings | None = None,
@@ -248,7 +248,7 @@ class _Search:
 
     def _inner(self) -> BoxContainer:
         """Return the bounding box inside the walls, with bodies around the container in it."""
-        low, high = self._walls.low, self._walls.high
+        low, high = self._walls.lower, self._walls.upper
         walls = self._container.walls()
         bodies = [replace(w, vertices=w.vertices - low, known_volume=w.volume) for w in walls]
         x, y, z = (np.array(self._container.size) - low - high).tolist()
@@ -259,7 +259,7 @@ class _Search:
 
         Where a part fits closely on all sides, the search would find it only by chance.
         """
-        low, high = self._walls.low, np.array(self._container.size) - self._walls.high
+        low, high = self._walls.lower, np.array(self._container.size) - self._walls.upper
         for turn in self._turns:
             vertices = self._type.vertices @ turn.T * scale
             least, most = low - vertices.min(axis=0), high - vertices.max(axis=0)
@@ -290,7 +290,7 @@ class _Search:
         except (NestingError, ArgumentError):  # the clearance is too large for so small a part
             return None
         for one in found.placements:
-            pose = one.pose.shifted(self._walls.low)
+            pose = one.pose.shifted(self._walls.lower)
             placement = Placement(0, pose, 0, scale)
             return placement if self._is_valid(placement) else None
         return None
@@ -300,7 +300,7 @@ def _convex(container: Container, walls: WallClearance) -> ConvexSpace | None:
     """Return the space inside the walls of a container, or None if it is not convex."""
     if isinstance(container, BoxContainer):
         normals = np.concatenate((-np.eye(3), np.eye(3)))
-        return ConvexSpace(normals, np.concatenate((-walls.low, container.size - walls.high)))
+        return ConvexSpace(normals, np.concatenate((-walls.lower, container.size - walls.upper)))
     if isinstance(container, CylinderContainer):
         radius = container.diameter / 2
         angles = 2 * math.pi * np.arange(CORNERS) / CORNERS

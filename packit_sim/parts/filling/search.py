@@ -435,7 +435,7 @@ class PackingSearch:
     ) -> Packing:
         """Move the parts of a box into the inner container, as a packing of some types."""
         box = next(each for each in self._task.boxes if each.name == packing.container.name)
-        inner_from_box = Motion.shift(-self._task.search_margin.low)
+        inner_from_box = Motion.shift(-self._task.search_margin.lower)
         placements = [
             replace(one, type=numbers.index(one.type), pose=inner_from_box @ one.pose, box=0)
             for one in packing.placements
@@ -446,7 +446,7 @@ class PackingSearch:
     def _in_boxes(self, packing: Packing, *types: BoxType) -> list[Packing]:
         """Move a packing from the inner containers into its boxes, which are of some types."""
         by_size = {self._inner(each).size: each for each in reversed(types)}
-        box_from_inner = Motion.shift(self._task.search_margin.low)
+        box_from_inner = Motion.shift(self._task.search_margin.lower)
         found: dict[int, list[Placement]] = {}
         for one in packing.placements:
             moved = replace(one, pose=box_from_inner @ one.pose, box=0)
@@ -470,7 +470,7 @@ class PackingSearch:
         """Return the space for parts inside a box, of another height if wanted."""
         margin = self._task.search_margin
         sides = (*box.size[:2], box.size[2] if height is None else height)
-        x, y, z = (np.array(sides) - margin.low - margin.high).tolist()
+        x, y, z = (np.array(sides) - margin.lower - margin.upper).tolist()
         return BoxContainer((x, y, z), self._bodies(box), box.name)
 
     def _bodies(self, box: BoxType) -> tuple[ItemType, ...]:
@@ -484,7 +484,7 @@ class PackingSearch:
             across = task.gap if form_of(box.container) == "cylinder" else task.least_gap
             walls = box.container.walls(margin, across)
             self._known_bodies[box] = tuple(
-                replace(each, vertices=each.vertices - margin.low, known_volume=each.volume)
+                replace(each, vertices=each.vertices - margin.lower, known_volume=each.volume)
                 for each in (*task.container(box).obstacles, *walls)
             )
         return self._known_bodies[box]

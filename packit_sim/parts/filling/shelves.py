@@ -61,7 +61,7 @@ def _placements(
     gap_row, gap_layer, gap_height = gap = (
         task.largest_gap * np.array((1, 1, 1 / task.stretch))[order]
     )
-    limits = (size - margin.low - margin.high + _SLACK * size.max())[order]
+    limits = (size - margin.lower - margin.upper + _SLACK * size.max())[order]
     chosen = []
     for n in counts:
         sides = task.parts[n].sides[:, order]
@@ -84,7 +84,7 @@ def _placements(
                 break
             place = np.empty(3)
             place[order] = row, layer, height
-            placements.append(Placement(n, rotation.at(place + margin.low - low)))
+            placements.append(Placement(n, rotation.at(place + margin.lower - low)))
             row, deep, high = row + x + gap_row, max(deep, y), max(high, z)
     return placements
 

@@ -185,7 +185,7 @@ def check_margin(margin: WallClearance, boxes: Sequence[BoxType], unit: Unit) ->
             raise ArgumentError(
                 f"box {box.name!r} is a mesh: choose one distance from all of its walls"
             )
-        if (np.array(box.size) <= margin.low + margin.high).any():
+        if (np.array(box.size) <= margin.lower + margin.upper).any():
             raise ArgumentError(f"box {box.name!r}: {margin.text(unit)} leave no space in it")
 
 

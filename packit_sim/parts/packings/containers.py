@@ -220,7 +220,7 @@ class BoxContainer:
     ) -> Iterator[str]:
         """Yield the walls that an item reaches beyond, or comes too close to."""
         own = WallClearance.of(clearance)
-        clearances = np.column_stack((own.low, own.high)).ravel()
+        clearances = np.column_stack((own.lower, own.upper)).ravel()
         yield from beyond_walls(self.beyond, item, clearances.tolist(), slack)
 
     def walls(self, margin: float | WallClearance = 0.0, gap: float = 0.0) -> tuple[ItemType, ...]:
@@ -241,7 +241,7 @@ def in_bounding_box(
 ) -> bool:
     """Return whether a part fits into a bounding box in one of its rotations."""
     own = WallClearance.of(margin)
-    inner = np.array(size) * (1 + ROUNDING) - own.low - own.high
+    inner = np.array(size) * (1 + ROUNDING) - own.lower - own.upper
     return bool((part.sides * factor <= inner).all(axis=1).any())
 
 

@@ -59,12 +59,12 @@ class WallClearance:
         return self.sides == self.floor == self.top
 
     @property
-    def low(self) -> Floats:
+    def lower(self) -> Floats:
         """The distances (3,) to the walls at 0 along each axis."""
         return np.array((self.sides, self.sides, self.floor))
 
     @property
-    def high(self) -> Floats:
+    def upper(self) -> Floats:
         """The distances (3,) to the opposite walls."""
         return np.array((self.sides, self.sides, self.top))
 
