@@ -1,6 +1,6 @@
 """Which puzzles exact cover fills: a reference for what searches leave unsolved.
 
-    .venv/bin/python -m benchmarks.exact_cover    (20 minutes of one core; needs the extra exact)
+    .venv/bin/python -m benchmarks.exact_cover    (20 minutes; resumable; needs the extra exact)
 
 Plays the puzzles of `benchmarks.puzzles` whose pieces are cuboids or polycubes, the first
 (`--boxes`) of each kind and number of pieces, for at most `--seconds` each. Each filling is played
@@ -86,19 +86,20 @@ def main() -> None:
     parser.add_argument("--table", action="store_true", help="only write the table")
     arguments = parser.parse_args()
     file = arguments.out / "exact_cover.json"
-    if arguments.table:
-        trials = [Trial(**one) for one in json.loads(file.read_text())["trials"]]
-    else:
-        trials = []
-        for pieces, cuts, n in itertools.product(PIECES, KINDS, range(arguments.boxes)):
-            trials.append(tried(cuts, pieces, SEED + n, arguments.seconds))
-            result = {
-                "command": "python -m benchmarks.exact_cover "
-                f"--boxes {arguments.boxes} --seconds {arguments.seconds:g}",
-                "machine": machine(),
-                "trials": [asdict(one) for one in trials],
-            }
-            write_json(file, result)
+    kept = json.loads(file.read_text())["trials"] if file.exists() else []
+    trials = [Trial(**one) for one in kept]
+    for pieces, cuts, n in itertools.product(PIECES, KINDS, range(arguments.boxes)):
+        known = any((one.cuts, one.pieces, one.seed) == (cuts, pieces, SEED + n) for one in trials)
+        if known or arguments.table:
+            continue
+        trials.append(tried(cuts, pieces, SEED + n, arguments.seconds))
+        result = {
+            "command": "python -m benchmarks.exact_cover "
+            f"--boxes {arguments.boxes} --seconds {arguments.seconds:g}",
+            "machine": machine(),
+            "trials": [asdict(one) for one in trials],
+        }
+        write_json(file, result)
     write_into_page(PAGE, markdown(trials), "exact cover")
 
 

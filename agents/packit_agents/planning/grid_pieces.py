@@ -74,6 +74,11 @@ class GridPieces:
         rules : Rules
             The rules, whose rotations are allowed.
 
+        Returns
+        -------
+        GridPieces
+            The pieces.
+
         Raises
         ------
         ArgumentError

@@ -88,8 +88,10 @@ def dataset_archive(
         The library of its shapes.
     date : str
         When it is published, as YYYY-MM-DD.
-    licence, author : str
-        The SPDX identifier of its licence, and its author; known for built-in datasets.
+    licence : str
+        The SPDX identifier of its licence; known for built-in datasets.
+    author : str
+        Its author; known for built-in datasets.
 
     Returns
     -------
