@@ -229,7 +229,12 @@ class PageState:
         seen : str, optional
             The version that the page has seen.
         number : str, optional
-            The number of the packing that it shows.
+            The key of the packing that it shows.
+
+        Returns
+        -------
+        dict[str, Any]
+            The state, with the packing if the page shows another one.
         """
         with self._changing:
             version, shown = self._version, self.shown
