@@ -1,5 +1,7 @@
 """The documentation site: it builds without warnings, and its pages fit small and large screens."""
 
+import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -44,6 +46,44 @@ def test_no_page_scrolls_sideways_or_loads_anything_from_elsewhere(chromium, sit
     shown.close()
     assert not too_wide
     assert {url.partition(":")[0] for url in asked} <= {"file", "data"}
+
+
+def test_pages_have_different_titles_and_a_short_sidebar(site) -> None:
+    titles: dict[str, str] = {}
+    for page in sorted(set(site.rglob("*.html")) - {site / "search.html"}):
+        name = page.relative_to(site).as_posix()
+        text = page.read_text(encoding="utf-8")
+        title = re.search(r"<title>(.*?)</title>", text, re.DOTALL)[1]
+        assert titles.setdefault(title, name) == name, title
+    front = (site / "index.html").read_text(encoding="utf-8")
+    assert 20 < front.count('<li class="toctree-l1') <= 30
+    assert front.index("I have parts") < front.index("I train agents") < front.index("<h2")
+
+
+def test_the_search_finds_what_newcomers_type(site) -> None:
+    index = (site / "searchindex.js").read_text(encoding="utf-8")
+    terms = json.loads(index[index.index("(") + 1 : index.rindex(")")])
+    pack = terms["docnames"].index("guides/pack")
+    for word in ("inch", "print", "bed", "carton", "step", "nest", "bin"):
+        found = terms["terms"].get(word, [])
+        assert pack in ([found] if isinstance(found, int) else found), word
+
+
+def test_pictures_of_examples_have_alternative_texts(site) -> None:
+    for example in DOCS.glob("examples/plot_*.py"):
+        title = example.read_text(encoding="utf-8").splitlines()[1]
+        page = (site / "gallery" / f"{example.stem}.html").read_text(encoding="utf-8")
+        assert f'alt="{title}"' in page, example.name
+
+
+def test_the_tables_of_the_leaderboard_fit(chromium, site) -> None:
+    shown = chromium.new_page(viewport={"width": 1280, "height": 900})
+    shown.goto((site / "benchmarks" / "leaderboard.html").as_uri())
+    wider = shown.locator("table").evaluate_all(
+        "all => all.map(one => one.scrollWidth - one.clientWidth)"
+    )
+    shown.close()
+    assert wider and max(wider) <= 0
 
 
 def test_the_gallery_has_a_picture_for_each_example(site) -> None:

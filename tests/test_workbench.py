@@ -28,6 +28,7 @@ from packit_sim.core.errors import RenderError
 from packit_sim.parts.results import exports
 from packit_sim.parts.workbench import uploads as uploads_module
 from packit_sim.parts.workbench import workbench as workbench_module
+from packit_sim.parts.workbench.page_state import volume_text
 from packit_sim.parts.workbench.workbench import Workbench
 from tests.read_3mf import bodies
 
@@ -191,6 +192,29 @@ def test_results_are_undone_with_their_locks_and_the_order_stays(bench) -> None:
     assert len(state(bench)["result"]["boxes"][0]["parts"]) == 2
     assert post(bench, "/order", {**more, "box": "1x2x3"})[0] == 200
     assert state(bench)["order"]["box"] == "1x2x3"
+
+
+def test_an_order_is_shown_before_it_is_packed(bench) -> None:
+    number = send(bench, "rod.stl", creation.box((6, 2, 2)))
+    order = {**ORDER, "files": [{"number": number, "count": 9, "rotations": "cube"}]}
+    status, found = post(bench, "/order", order)
+    assert status == 200 and found["parts"] == ["rod"] * 9
+    side = found["models"]["boxes"][0]["size"][0] / 20  # of a millimetre
+    places = np.array([one["pose"] for one in found["models"]["boxes"][0]["items"]])[:, 3::4] / side
+    low, high = (places + sign * np.array((3, 1, 1)) for sign in (-1, 1))
+    assert low.min() > -1e-6 and low[:, 1].min() > 10  # next to the box
+    assert (high <= np.array(found["reach"]) / side + 1e-6).all()
+    apart = np.maximum(low[:, None], low) - np.minimum(high[:, None], high)
+    assert (apart.max(axis=2)[np.triu_indices(9, 1)] > 0).all()
+    many = [{**order["files"][0], "count": 10**9}]
+    assert len(post(bench, "/order", {**order, "files": many})[1]["parts"]) == 100
+    assert "is not possible" in post(bench, "/order", {**order, "box": "0x1x1"})[1]["fault"]
+
+
+def test_volumes_are_as_people_write_them() -> None:
+    assert volume_text(1_090_710.4, "mm") == "1,090,710 mm³ (1.09 l)"
+    assert volume_text(24.94, "in") == "24.94 in³ (0.409 l)"
+    assert volume_text(8.0, "mm") == "8 mm³"
 
 
 def test_the_unit_of_a_file_can_be_changed(bench) -> None:

@@ -60,6 +60,23 @@ def _points(page: Any) -> Iterator[tuple[float, float]]:
         yield canvas["x"] + x * canvas["width"], canvas["y"] + y * canvas["height"]
 
 
+@pytest.mark.slow
+def test_box_and_parts_are_visible_before_packing(chromium) -> None:
+    with Workbench() as bench:
+        page = chromium.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(LONG)
+        page.goto(bench.address)
+        page.locator("#scene[data-drawn]").wait_for()
+        empty = page.locator("#scene").screenshot()
+        with page.expect_response("**/order"):
+            page.locator("#choose").set_input_files([_file("cube", 90, 90, 90)])
+        assert page.locator("#scene").screenshot() != empty
+        page.locator("[name=z]").fill("0")
+        page.locator("[name=z]").blur()
+        page.locator("#fault", has_text="Each side of the box must be a number above 0.").wait_for()
+        page.close()
+
+
 def test_the_result_is_shown_with_its_numbers_and_files(page) -> None:
     assert "90 x 60 x 10 mm" in page.locator("#files tbody tr").nth(1).inner_text()
     assert page.locator("#locks li").count() == 4
@@ -92,6 +109,7 @@ def test_the_list_and_the_box_point_at_each_other(page) -> None:
         page.keyboard.press("Home")
 
 
+@pytest.mark.slow
 def test_locks_survive_files_errors_and_searches_and_results_are_undone(page) -> None:
     for x, y in _points(page):  # a click on a part locks it
         with page.expect_response("**/state*"):

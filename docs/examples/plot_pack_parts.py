@@ -1,6 +1,6 @@
 """
-Pack your own parts
-===================
+Pack parts from Python
+======================
 
 Pack meshes at their real sizes, with a distance between them, and film how they come in.
 """

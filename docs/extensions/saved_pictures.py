@@ -41,4 +41,9 @@ def saved_pictures(
         target = Path(next(block_vars["image_path_iterator"])).with_suffix(saved.suffix)
         shutil.move(saved, target)
         moved.append(str(target))
-    return figure_rst(moved, gallery_conf["src_dir"])
+    title = next(
+        line
+        for line in Path(block_vars["src_file"]).read_text("utf-8").splitlines()
+        if line.strip('"')
+    )
+    return figure_rst(moved, gallery_conf["src_dir"], title)

@@ -14,6 +14,7 @@
   let result = null;
   let view, camera, controls, size;
   let locked = new Set();
+  let shownParts = []; // the names of the parts in the scene
   let pointed = null; // the part under the pointer or the focus, in the box or in the list
   let isLoaded = false;
   let shownFiles = "[]";
@@ -128,7 +129,28 @@
 
   // Keep the order on the server, so that a reload of the page brings it back.
   function keep() {
-    if (isLoaded) send("/order", JSON.stringify(order())).catch(() => {});
+    if (!isLoaded) return;
+    send("/order", JSON.stringify(order())).then(showPreview, (error) => say(error.message, true));
+  }
+
+  // Show the box with the parts in front of it, until there is a packing.
+  function showPreview(found) {
+    const isBox = ["x", "y", "z"].every((name) => Number(form[name].value) > 0);
+    get("fault").textContent = isBox ? found.fault || "" : "Each side of the box must be a number above 0.";
+    if (result || found.fault || !BoxScene.isPossible) return;
+    const [box] = found.models.boxes;
+    shownParts = found.parts;
+    view = BoxScene.build(box, found.models.shapes, (item) => item.colors.item);
+    look(found.reach);
+    paint();
+  }
+
+  // Look at a box of some size from the first place of the camera, unless it is the same size.
+  function look(sides) {
+    if (String(sides) === size) return;
+    if (controls) controls.dispose();
+    ({ camera, controls } = BoxScene.look(sides, canvas, draw));
+    size = String(sides);
   }
 
   function restore(kept) {
@@ -166,6 +188,7 @@
   function showBox() {
     const n = Number(get("number").value);
     const canLock = result["can lock"];
+    shownParts = result.boxes[n].parts;
     const rows = result.boxes[n].parts.map((name, part) => {
       const row = element("li", null);
       const label = element("label", null);
@@ -183,11 +206,7 @@
     if (!BoxScene.isPossible) return;
     const box = result.models.boxes[n];
     view = BoxScene.build(box, result.models.shapes, (item) => item.colors.item);
-    if (String(box.size) !== size) {
-      if (controls) controls.dispose();
-      ({ camera, controls } = BoxScene.look(box.size, canvas, draw));
-      size = String(box.size);
-    }
+    look(box.size);
     paint();
   }
 
@@ -219,7 +238,7 @@
     const rows = [...get("locks").querySelectorAll("li")];
     rows.forEach((row, n) => row.classList.toggle("pointed", n === part));
     get("tip").hidden = part === null;
-    if (part !== null) get("tip").textContent = result.boxes[Number(get("number").value)].parts[part];
+    if (part !== null) get("tip").textContent = shownParts[part];
     paint();
   }
 
@@ -264,6 +283,7 @@
     if (state.message || !/^sending/.test(get("message").textContent)) say(state.message);
     const files = JSON.stringify(state.files);
     if (files !== shownFiles) showFiles(state.files);
+    if (files !== shownFiles || !size) keep();
     shownFiles = files;
     if (state.result) {
       packing = state.packing;
@@ -338,7 +358,7 @@
   let pressed = null;
   canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
   canvas.addEventListener("click", (event) => {
-    if (!view || !result["can lock"] || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+    if (!view || !result || !result["can lock"] || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
     const item = BoxScene.itemAt(event, view, camera, canvas);
     if (!item) return;
     const part = view.items.indexOf(item);

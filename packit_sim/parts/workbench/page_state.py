@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.results.check import check
 from packit_sim.parts.results.page import add_box
@@ -72,10 +73,18 @@ class ShownPacking:
             "can lock": self.can_lock,
             "left out": [f"{each.count} x {each.name}: {each.reason}" for each in left_out],
             "notes": list(self.packed.notes),
-            "summary": summary(self.packed, found),
+            "summary": summary(self.packed, found)
+            | {"volume": volume_text(self.packed.volume, self.packed.task.unit)},
             "problems": list(found.problems) if found else [],
             "downloads": sorted(self.files),
         }
+
+
+def volume_text(volume: float, unit: Unit) -> str:
+    """Return a volume in the cube of a unit as people write it, with litres from a hundredth on."""
+    text = f"{volume:,.0f}" if volume >= 1000 else f"{volume:.4g}"
+    litres = volume * UNITS_CM[unit] ** 3 / 1000
+    return f"{text} {unit}³" + (f" ({litres:,.3g} l)" if 0.01 <= litres < 1000 else "")
 
 
 class History:
@@ -220,7 +229,12 @@ class PageState:
         seen : str, optional
             The version that the page has seen.
         number : str, optional
-            The number of the packing that it shows.
+            The key of the packing that it shows.
+
+        Returns
+        -------
+        dict[str, Any]
+            The state, with the packing if the page shows another one.
         """
         with self._changing:
             version, shown = self._version, self.shown

@@ -11,9 +11,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
+from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_line
+from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import SUFFIXES
 from packit_sim.parts.reading.files import (
     ReadSettings,
@@ -22,6 +24,7 @@ from packit_sim.parts.reading.files import (
     with_own_names,
 )
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.workbench.preview import upright_shape
 from packit_sim.web.http_server import RequestBody
 
 MAX_BYTES = 256 * 2**20
@@ -53,6 +56,11 @@ class Upload:
     file: Path
     unit: Unit
     parts: tuple[Part, ...]
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The shapes of the parts, for the preview."""
+        return tuple(upright_shape(part) for part in self.parts)
 
     @property
     def has_own_unit(self) -> bool:

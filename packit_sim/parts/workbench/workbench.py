@@ -25,12 +25,13 @@ from packit_sim.core.temporary_folders import TemporaryFolder
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.task import PackSettings
-from packit_sim.parts.reading.boxes import MeshBox
+from packit_sim.parts.reading.boxes import MeshBox, box_types
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
 from packit_sim.parts.reading.units import check_unit, lengths
 from packit_sim.parts.results.exports import export
 from packit_sim.parts.workbench.page_state import PageState, ShownPacking
+from packit_sim.parts.workbench.preview import preview
 from packit_sim.parts.workbench.repacking import repacked
 from packit_sim.parts.workbench.uploads import MAX_BYTES, MAX_FILES, Upload, Uploads
 from packit_sim.web.http_server import (
@@ -216,8 +217,22 @@ class Workbench:
         return WebAnswer.of_json({})
 
     def _keep_order(self, request: WebRequest) -> WebAnswer:
-        self._page.order = typed_json.builtins(_read(request, PackingJob))
-        return WebAnswer.of_json({})
+        """Keep the order as it is on the page; return its preview, or why there is none."""
+        job = _read(request, PackingJob)
+        self._page.order = typed_json.builtins(job)
+        try:
+            unit = check_unit(job.unit)
+            _refuse_files(job.box)
+            box = box_types(job.box, unit, 1)[0]
+            asked = {each.number: each.count for each in job.files}
+            ordered = [
+                (part, shape, asked.get(each.number, 1) * part.count)
+                for each in list(self._uploads.files.values())
+                for part, shape in zip(each.parts, each.shapes, strict=True)
+            ]
+            return WebAnswer.of_json(preview(box, unit, ordered))
+        except PackItError as error:
+            return WebAnswer.of_json({"fault": str(error)})
 
     def _lock(self, request: WebRequest) -> WebAnswer:
         asked = _read(request, _Lock)
@@ -258,11 +273,7 @@ class Workbench:
 
     def _begin(self, job: PackingJob) -> None:
         """Start the search of a job, which keeps the files that it needs."""
-        if MeshBox.parse(job.box) is not None:  # of this machine, which others may not see
-            raise ArgumentError(
-                f"box {job.box!r:.80} is a file: choose sides, such as 300x200x150mm or "
-                "cylinder:220x300mm; packit pack takes meshes"
-            )
+        _refuse_files(job.box)
         self._stop = threading.Event()
         uploads = ExitStack()
         with ExitStack() as failed:
@@ -403,6 +414,15 @@ def _parts(job: PackingJob, files: Sequence[Upload]) -> list[Part]:
         what = "each count is 0" if job.files else "there are no parts: send mesh files"
         raise ArgumentError(what)
     return found
+
+
+def _refuse_files(box: str) -> None:
+    """Raise ArgumentError if a box is a file of this machine, which others may not see."""
+    if MeshBox.parse(box) is not None:
+        raise ArgumentError(
+            f"box {box!r:.80} is a file: choose sides, such as 300x200x150mm or "
+            "cylinder:220x300mm; packit pack takes meshes"
+        )
 
 
 def _done(shown: ShownPacking, before: ShownPacking | None, seconds: float) -> str:
