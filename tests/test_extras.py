@@ -11,7 +11,12 @@ from packit_sim.core.extras import MissingPackageError, needed_for
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
 
-DISTRIBUTIONS = {"h5py": "minari[hdf5]", "minari": "minari[hdf5]", "pysat": "python-sat"}
+DISTRIBUTIONS = {
+    "h5py": "minari[hdf5]",
+    "minari": "minari[hdf5]",
+    "pybullet_data": "pybullet",
+    "pysat": "python-sat",
+}
 """Where the name to install differs from the name to import by more than a hyphen."""
 
 
