@@ -144,9 +144,9 @@ def test_locks_survive_files_errors_and_searches_and_results_are_undone(page) ->
 
 
 def test_a_file_is_read_in_another_unit(page) -> None:
-    row = page.locator("#files tbody tr").nth(2)
+    row = page.locator("#files tbody tr").nth(1)
     row.locator(".unit select").select_option("in")
-    page.locator("#files tbody tr", has_text="20 x 20 x 20 in").wait_for()
+    page.locator("#files tbody tr", has_text="90 x 60 x 10 in").wait_for()
 
 
 @pytest.mark.parametrize("width", [390, 1280])

@@ -76,6 +76,14 @@ class FittedPart:
         The part at that scale in its container, which is valid.
     unit : str
         The unit of lengths.
+
+    Examples
+    --------
+    >>> from trimesh import creation
+    >>> from packit_sim import Part, fit
+    >>> fitted = fit(Part("brick", creation.box((40, 20, 10)), rotations="fixed"), "80x80x80mm")
+    >>> [round(side, 2) for side in fitted.size]
+    [80.0, 40.0, 20.0]
     """
 
     part: Part
