@@ -293,8 +293,12 @@ class Row:
 
 
 def read_boards(folder: Path = BOARDS) -> dict[Path, Board]:
-    """Read all boards, by their folders, in the order of names."""
-    return {file.parent: Board.read(file.parent) for file in sorted(folder.glob("*/board.json"))}
+    """Read all boards, by their folders, in the order of names and of the numbers in them."""
+    folders = sorted(
+        (file.parent for file in folder.glob("*/board.json")),
+        key=lambda each: [int(x) if x.isdigit() else x for x in re.split(r"(\d+)", each.name)],
+    )
+    return {each: Board.read(each) for each in folders}
 
 
 def entries(folder: Path) -> list[Path]:
