@@ -73,17 +73,17 @@ def test_an_archive_of_a_library_names_each_author_and_is_a_library(
     tmp_path, in_this_process
 ) -> None:
     out = tmp_path / "archive"
-    packit("datasets", "archive", "blockout", "--shapes", "--out", out, *DATE)
+    packit("datasets", "archive", "blockout", "--shape-library", "--out", out, *DATE)
     assert ShapeLibrary.open(out).digest == ShapeLibrary.open("blockout").digest
     table = (out / "ATTRIBUTION.md").read_text()
     assert "| `tripod` |" in table and table.count("| CC0-1.0 |") == 8
     again = tmp_path / "again"
-    packit("datasets", "archive", "blockout", "--shapes", "--out", again, *DATE)
+    packit("datasets", "archive", "blockout", "--shape-library", "--out", again, *DATE)
     assert contents(again) == contents(out)
     archives = [file.read_bytes() for file in (tmp_path / "archive.zip", tmp_path / "again.zip")]
     assert archives[0] == archives[1]
     with pytest.raises(ArgumentError, match="again is not an empty folder"):
-        packit("datasets", "archive", "blockout", "--shapes", "--out", again)
+        packit("datasets", "archive", "blockout", "--shape-library", "--out", again)
 
 
 def test_ones_own_packs_need_a_licence_and_an_author(tmp_path) -> None:

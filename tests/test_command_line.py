@@ -51,7 +51,9 @@ def options(command: Any) -> dict[str, Any]:
 DIFFERENT = {
     "--agent",  # one, or several
     "--backend",  # threads, or processes
+    "--box",  # one, or several
     "--clearance",  # with a unit, or in that of an instance
+    "--container",  # one, or several
     "--items",  # a number, or a range
     "--json",  # a file, or the output
     "--rotations",  # names of sets, of which the game has two

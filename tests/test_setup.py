@@ -85,9 +85,11 @@ def test_it_says_what_it_will_install(version: str, extras: str, said: str, tmp_
 
 def test_what_pybullet_does_not_need_is_removed(tmp_path: Path) -> None:
     packages = tmp_path / "lib" / "python3.11" / "site-packages"
-    for name in ("pybullet_data/r2d2.urdf", "pybullet_envs/gym.py", "pybullet_utils/bullet.py"):
-        (packages / name).parent.mkdir(parents=True)
+    needed = ("pybullet_data/franka_panda/panda.urdf", "pybullet_utils/bullet.py")
+    for name in (*needed, "pybullet_data/r2d2.urdf", "pybullet_envs/gym.py"):
+        (packages / name).parent.mkdir(parents=True, exist_ok=True)
         (packages / name).touch()
     script = ROOT / "scripts" / "slim-pybullet.sh"
     subprocess.run(["bash", str(script), str(tmp_path)], check=True, timeout=60)
-    assert [path.name for path in packages.iterdir()] == ["pybullet_utils"]
+    left = sorted(path.relative_to(packages) for path in packages.rglob("*") if path.is_file())
+    assert left == [Path(name) for name in needed]

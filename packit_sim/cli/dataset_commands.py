@@ -125,12 +125,16 @@ def datasheet_command(
 def archive(
     name: Annotated[
         str,
-        typer.Argument(metavar="NAME", help="Dataset; with --shapes, shape library: name or path."),
+        typer.Argument(
+            metavar="NAME", help="Dataset, or with --shape-library a library: name or path."
+        ),
     ],
     out: Annotated[
         Path, typer.Option("--out", "-o", help="New folder; the ZIP file goes next to it.")
     ],
-    shapes: Annotated[bool, typer.Option("--shapes", help="Archive a shape library.")] = False,
+    shapes: Annotated[
+        bool, typer.Option("--shape-library", help="Archive a shape library.")
+    ] = False,
     licence: Annotated[
         str, typer.Option(help="SPDX identifier of your packs' licence, such as CC0-1.0.")
     ] = "",
@@ -146,12 +150,14 @@ def archive(
 
     Example: packit datasets archive everyday-v1 --out everyday-v1-archive
 
-    Example: packit datasets archive everyday --shapes --out everyday-archive
+    Example: packit datasets archive everyday --shape-library --out everyday-archive
     """
     day = (date or datetime.datetime.now()).date().isoformat()
     if shapes:
         if licence:
-            raise ArgumentError("--licence has no effect with --shapes: each shape has its own")
+            raise ArgumentError(
+                "--licence has no effect with --shape-library: each shape has its own"
+            )
         metadata, card = archives.library_archive(packit_sim.ShapeLibrary.open(name), day, author)
     else:
         plots.require()

@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.length_units import Unit
+from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
@@ -72,5 +73,5 @@ def preview(box: BoxType, unit: Unit, ordered: Sequence[tuple[Part, Shape, int]]
         place[0] += sides[0] + gap
     models = Models()
     lines = outline(container) * scale
-    models.add(cells, items, sum(one.item.volume for one in items) or 1.0, colors, lines)
+    models.add(cells, items, plain_sum(one.item.volume for one in items) or 1.0, colors, lines)
     return {"models": models.to_json(), "parts": names, "reach": reach.tolist()}
