@@ -34,7 +34,7 @@ from packit_sim.robot.trajectory import Trajectory
 AGENT = "champion"
 
 FAILURES = ("no grasp", "no path", "lost", "displaced", "collapsed", "not inside")
-"""What can become of an item; displaced: at rest more than 2 cm or 15 degrees from its plan."""
+"""Outcomes of items that are counted; displaced: at rest more than 2 cm or 15 degrees from plan."""
 
 
 def main() -> None:

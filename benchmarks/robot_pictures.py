@@ -41,7 +41,7 @@ STEEL, TABLE, RIM = (0.55, 0.6, 0.66, 1), (0.93, 0.92, 0.9, 1), (0.35, 0.3, 0.25
 
 
 VIEWS = {"panda": ((1.6, -1.0, 1.35), (-0.12, 0.28, 0.52))}
-"""Where the eye is, and at what it looks, for an arm."""
+"""Positions of the camera and of its target, by arm, in m."""
 
 
 def main() -> None:

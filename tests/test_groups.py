@@ -39,7 +39,7 @@ def contents(packed: PackedParts) -> list[Counter]:
 
 
 def keeps(packed: PackedParts, rules: list[str]) -> bool:
-    """Whether the boxes keep the rules, counted anew."""
+    """Return whether the boxes keep the rules, counted anew."""
     boxes = [{group: k for group, k in own.items() if group} for own in contents(packed)]
     asked = Counter[str]()
     for each in packed.task.parts:

@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.options import SeedOption, read_seconds
+from packit_sim.cli.options import (
+    ContainerOption,
+    FileUnitOption,
+    SeedOption,
+    TimeOption,
+    UpOption,
+    WallClearanceOption,
+    read_seconds,
+)
 from packit_sim.cli.stopping import stoppable
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
@@ -24,34 +32,19 @@ def fit_command(
     box: Annotated[
         str | None, typer.Option("--box", help="Sides of the box, such as 300x200x150mm.")
     ] = None,
-    container: Annotated[
-        str | None,
-        typer.Option(
-            help="Another container: cylinder:220x300mm (diameter x height), a closed mesh file, "
-            "or a name that `packit containers` lists."
-        ),
-    ] = None,
-    wall_clearance: Annotated[
-        str,
-        typer.Option(help="Smallest distance to the walls; sides=5mm,floor=2mm,top=0 for each."),
-    ] = "0",
+    container: ContainerOption = None,
+    wall_clearance: WallClearanceOption = "0",
     rotations: Annotated[
         str,
         typer.Option(help="Rotations: fixed, upright, yaw-N, flip-N, axis-N, cube or free."),
     ] = "free",
-    unit: Annotated[
-        Unit, typer.Option(help="Unit of files without one, such as STL, and of plain numbers.")
-    ] = "mm",
-    up: Annotated[
-        str | None, typer.Option(help="Axis that points up in all files: x, y or z.")
-    ] = None,
+    unit: FileUnitOption = "mm",
+    up: UpOption = None,
     packing: Annotated[
         Path | None,
         typer.Option(help="File for the scaled part in its container, which packit verify reads."),
     ] = None,
-    time: Annotated[
-        str, typer.Option("--time", help="Seconds to search, such as 20 or 20s.")
-    ] = "20",
+    time: TimeOption = "20",
     seed: SeedOption = 0,
 ) -> None:
     """Find the largest scale at which one part fits into a container.

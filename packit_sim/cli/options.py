@@ -11,6 +11,7 @@ from packit_sim.cli import completion
 from packit_sim.core.choices import BackendName, SearchBackend, Split
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.core.length_units import Unit
 from packit_sim.physics.convex.settings import Method
 
 with lazy_imports():
@@ -69,6 +70,19 @@ _WHERE = typer.Option(help="Where the workers run: on this machine, or a Ray clu
 BackendOption = Annotated[BackendName, _WHERE]
 SearchBackendOption = Annotated[SearchBackend, _WHERE]
 AddressOption = Annotated[str | None, typer.Option(help="Address of the Ray cluster's head.")]
+_CONTAINER = typer.Option(
+    help="Another container: cylinder:220x300mm (diameter x height), a closed mesh file, "
+    "or a name that `packit containers` lists."
+)
+ContainerOption = Annotated[str | None, _CONTAINER]
+ContainersOption = Annotated[list[str] | None, _CONTAINER]
+WallClearanceOption = Annotated[
+    str, typer.Option(help="Smallest distance to the walls; sides=5mm,floor=2mm,top=0 for each.")
+]
+FileUnitOption = Annotated[
+    Unit, typer.Option(help="Unit of files without one, such as STL, and of plain numbers.")
+]
+UpOption = Annotated[str | None, typer.Option(help="Axis that points up in all files: x, y or z.")]
 TimeOption = Annotated[str, typer.Option(help="Seconds to search, such as 60 or 60s.")]
 
 

@@ -11,9 +11,13 @@ import packit_sim
 from packit_sim.cli import option_presets
 from packit_sim.cli.options import (
     AddressOption,
+    ContainersOption,
+    FileUnitOption,
     SearchBackendOption,
     SeedOption,
     TimeOption,
+    UpOption,
+    WallClearanceOption,
     WorkersOption,
     read_seconds,
 )
@@ -48,13 +52,7 @@ def pack_command(
             "--box", help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several."
         ),
     ] = None,
-    container: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Another container: cylinder:220x300mm (diameter x height), a closed mesh file, "
-            "or a name that `packit containers` lists."
-        ),
-    ] = None,
+    container: ContainersOption = None,
     objective: Annotated[
         Goal,
         typer.Option(help="Most volume, count or value; or all parts, lowest or in fewest boxes."),
@@ -65,10 +63,7 @@ def pack_command(
     clearance_z: Annotated[
         str | None, typer.Option(help="The same along z, if it is another one.")
     ] = None,
-    wall_clearance: Annotated[
-        str,
-        typer.Option(help="Smallest distance to the walls; sides=5mm,floor=2mm,top=0 for each."),
-    ] = "0",
+    wall_clearance: WallClearanceOption = "0",
     rotations: Annotated[
         str,
         typer.Option(
@@ -118,12 +113,8 @@ def pack_command(
             "in one box), kit (whole in one box, or not at all)."
         ),
     ] = None,
-    unit: Annotated[
-        Unit, typer.Option(help="Unit of files without one, such as STL, and of plain numbers.")
-    ] = "mm",
-    up: Annotated[
-        str | None, typer.Option(help="Axis that points up in all files: x, y or z.")
-    ] = None,
+    unit: FileUnitOption = "mm",
+    up: UpOption = None,
     separate: Annotated[
         bool | None,
         typer.Option(

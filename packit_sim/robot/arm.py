@@ -26,9 +26,9 @@ STATION_REACH = 0.10
 
 @dataclass(frozen=True, eq=False)
 class ToolPath:
-    """Where the tool passes while it moves one item, in this order.
+    """Points through which the tool passes while it moves one item, in this order.
 
-    Each point is an array (4,): where the middle of the cup's face is, in m, and the angle about
+    Each point is an array (4,): the middle of the cup's face, in m, and the angle about
     the vertical of the item, in radians. The first is above the station.
     """
 

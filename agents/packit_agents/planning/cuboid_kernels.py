@@ -7,7 +7,7 @@ import numpy as np
 from packit_sim.core.compilation import kernel
 
 FOUND, NONE, STOPPED = 0, 1, 2
-"""What a search ends with: a filling, the proof that there is none, or neither."""
+"""Outcomes of a search: a filling, the proof that there is none, or neither."""
 
 
 @kernel

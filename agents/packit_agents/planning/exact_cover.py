@@ -44,7 +44,7 @@ MAX_PLACEMENTS = 200_000
 
 
 class Outcome(enum.StrEnum):
-    """What exact cover finds out about a task."""
+    """Outcome of an exact cover search on a task."""
 
     FILLED = "filled"
     IMPOSSIBLE = "impossible"

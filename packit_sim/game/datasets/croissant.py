@@ -92,7 +92,7 @@ class Records:
 
 @dataclass(frozen=True)
 class Metadata:
-    """What an archive says about its data.
+    """Description of the data of an archive.
 
     Attributes
     ----------
