@@ -1,6 +1,9 @@
 """Exact cover: cuboids and polycubes fill a box, or are proved not to; the engine agrees."""
 
+import signal
+import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +84,30 @@ def test_polycubes_that_cannot_fill_the_box_are_proved_so() -> None:
     for cubes, outcome in (((L, BAR, BAR), Outcome.IMPOSSIBLE), ((L, L, BAR), Outcome.FILLED)):
         found = exact_cover([polycube(each) for each in cubes], layer, 60)
         assert found.outcome is outcome, cubes
+
+
+LONG_SEARCH = """
+from packit_agents.planning import exact_cover
+from packit_sim import cut_puzzle
+box = cut_puzzle("polycubes", pieces=16)
+print("searching", flush=True)
+try:
+    exact_cover.exact_cover([each.item.turned(0) for each in box.placed], box.cells, 600)
+except KeyboardInterrupt:
+    print("stopped")
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_solver_at_once() -> None:
+    pytest.importorskip("pysat", reason="python-sat comes with the extra exact")
+    command = [sys.executable, "-c", LONG_SEARCH]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "searching\n"
+        time.sleep(5)  # the solver runs
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=60)[0] == "stopped\n"
 
 
 def test_cuboids_that_cannot_fill_the_box_are_proved_so() -> None:

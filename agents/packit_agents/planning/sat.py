@@ -48,17 +48,19 @@ def solve(wanted: Sequence[OneOf], variables: int, seconds: float) -> list[int] 
     """
     with needed_for("exact covers with polycubes"):
         import pysat.solvers  # noqa: F401 # the process needs it
-    with (
-        without_interrupts(),
-        ProcessPool(
-            1,
-            context=multiprocessing.get_context("spawn"),  # type: ignore[arg-type,unused-ignore]
-            initializer=end_with,
-            initargs=(os.getpid(),),
-        ) as pool,
-    ):
-        future = pool.schedule(_solve, args=(wanted, variables), timeout=seconds)
-        found: list[int] | None = future.result()
+    with ProcessPool(
+        1,
+        context=multiprocessing.get_context("spawn"),  # type: ignore[arg-type,unused-ignore]
+        initializer=end_with,
+        initargs=(os.getpid(),),
+    ) as pool:
+        with without_interrupts():
+            future = pool.schedule(_solve, args=(wanted, variables), timeout=seconds)
+        try:
+            found: list[int] | None = future.result()
+        except BaseException:
+            pool.stop()
+            raise
     return found
 
 
