@@ -208,7 +208,7 @@ def test_items_are_lifted_until_they_are_apart_and_others_stay() -> None:
 def test_strips_of_many_types_are_valid_complete_and_improve(clearance: float) -> None:
     types = shapes(18)
     heights: list[float] = []
-    settings = NestSettings(workers=1, iterations=40, search=BY_CELLS)
+    settings = NestSettings(workers=1, iterations=100, search=BY_CELLS)
     packing = nest(
         types,
         (4.4, 4.2, math.inf),
@@ -228,7 +228,7 @@ def test_a_knapsack_of_many_types_is_valid_and_settles() -> None:
     settings = NestSettings(workers=1, iterations=1, search=BY_CELLS)
     packing = nest(types, (5, 5, 4), "knapsack", settings=settings)
     assert packing.problems() == [] and any(packing.left_out)
-    unsettled = replace(settings, search=replace(BY_CELLS, settling_sweeps=0))
+    unsettled = replace(settings, search=replace(BY_CELLS, settling_steps=(1.0, 1.0)))
     assert packing.volume > nest(types, (5, 5, 4), "knapsack", settings=unsettled).volume
 
 

@@ -59,8 +59,11 @@ def test_strips_get_lower_without_a_conflict_and_obstacles_stay(clearance: float
         obstacles=np.array([(0.25, 0.25, 3.0)]),
     )
     boxes = boxes_of([task.size])
-    poses = filled_cells(problem, task, task.unplaced, boxes, np.arange(18))
+    poses = filled_cells(
+        problem, task, task.unplaced, boxes, np.arange(18), np.array([1], np.uint64)
+    )
     assert poses.inside.all()
+    poses.places[:18, 2] *= 1.1  # space between layers
     heights, state = [math.inf], loaded(problem, task, poses, boxes)
 
     def lowest() -> Floats:

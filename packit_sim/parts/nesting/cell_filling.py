@@ -1,7 +1,8 @@
 """Filling of boxes with items as cells: each goes to the lowest place of all in a grid.
 
 Algorithm: greedy construction by lowest tops, a relative of bottom-left-back fill, over all
-positions of a fine grid and all rotations at once (`placement_kernels`).
+positions of a fine grid and all rotations at once (`placement_kernels`). Each item then settles by
+its surface, off the grid, before the next one is placed: that takes back what cells cost below it.
 """
 
 from __future__ import annotations
@@ -42,10 +43,11 @@ def filled_cells(
     poses: Poses,
     boxes: Floats,
     order: Ints,
+    rng: npt.NDArray[np.uint64],
     budget: SearchBudget | None = None,
     side: float | None = None,
 ) -> Poses:
-    """Put in as many more items as fit, in one box after the other, without moving any.
+    """Put in as many more items as fit, in one box after the other, without moving the others.
 
     Parameters
     ----------
@@ -55,6 +57,8 @@ def filled_cells(
         The boxes.
     order : ndarray of int64
         The items to try, in this order; those inside are skipped.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
     budget : SearchBudget, optional
         When it is late, no further items are tried, after the first.
     side : float, optional
@@ -65,7 +69,10 @@ def filled_cells(
     Poses
         The poses; items for which there is no place or no time are not inside.
     """
+    settings = task.settings
     cells = cells_of(problem, side or cell_side(problem, task))
+    grow = problem.lookup.clearance / 2
+    first, last = (step * cells.side for step in settings.settling_steps)
     state = task.state()
     state.inside[:] = poses.inside
     load(problem, state, poses.turned, poses.places, boxes, False)
@@ -76,15 +83,17 @@ def filled_cells(
         space = Space(cells, box)
         for i in np.flatnonzero(state.inside).tolist():
             if box_of(boxes, state.places[i, 0]) == k:
-                space.put_surface(_placed(problem, state, i), problem.lookup.clearance / 2)
+                space.put_surface(_placed(problem, state, i), grow)
         for n, i in enumerate(left):
             if budget is not None and n > 0 and budget.is_late:
                 return Poses.of(state)
             a = state.types[i]
             found = space.lowest(a, problem.allowed[a, : problem.allowed_counts[a]])
             if found is not None:
-                space.put(a, *found)
                 put(problem.lookup, state, i, *found)
+                own = np.array([i])
+                settle(problem, state, boxes, own, first, last, settings.settling_tries, rng)
+                space.put_surface(_placed(problem, state, i), grow)
     return Poses.of(state)
 
 

@@ -16,17 +16,23 @@ from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solu
 THICK = 0.5, 1.5
 """Powers of an item's volume and of its shortest side whose product orders a construction."""
 
-SHUFFLE = 0.04
+SHUFFLE = 0.02
 """Standard deviation of the logarithm of that product in the order of a further construction."""
 
 NEAR = 0.03
 """Share of the least height by which poses may be higher for their items to settle."""
 
-COST = 3
-"""Power of the number of cells along a side by which the time of a construction grows."""
+FINER = 0.6
+"""Side of the cells of a further construction, as a share of those before, if there is time."""
+
+LEAST_FINER = 0.9
+"""The largest such share for which a construction is worth its time."""
 
 FINEST = 0.3
-"""Least side of the cells of the second construction, as a share of the first one's."""
+"""Least side of the cells of a construction, as a share of the first one's."""
+
+COST = 3
+"""Power of the number of cells along a side by which the time of a construction grows."""
 
 FIRST_SIDE = 0.6
 """Side of the cells of the first separations, as a share of the first construction's."""
@@ -44,53 +50,56 @@ MOST_MORE = 1
 class CellStripSearch(NestSearch):
     """A search for the lowest strip of so many types that pairs of them have no fields.
 
-    Algorithm: two greedy constructions on grids of cells, the second one as fine as there is time
-    for; then, again and again, all items go to the nearest positions of a finer grid in a strip
-    that is lower by some cells, are separated there (`CellSeparation`), and settle by their
-    surfaces, off the grid. A gain makes the next strip lower by one cell more, a failure by one
-    less. Where several gain nothing, cells become smaller. The combination is our own.
+    Algorithm: greedy constructions on finer and finer grids of cells, as far as there is time; then
+    a move of all items at once (`compact`); then, again and again, all items go to the nearest
+    positions of a fine grid in a strip that is lower by some cells, are separated there
+    (`CellSeparation`), and settle by their surfaces, off the grid. A gain makes the next strip
+    lower by one cell more, a failure by one less. Where several gain nothing, cells become smaller.
+    The combination is our own.
     """
 
     def __init__(self, task: SearchTask, seed: int) -> None:
         super().__init__(task, seed)
+        self._finer = 1.0  # cells of the last construction, as a share of the first one's
+        self._spent = 0.0  # the share of the search that it took
+        self._is_constructed = False
         self._side = 0.0
-        self._failures = 0
         self._more = 0  # cells by which a strip may be higher on the grid
-        self._is_compact = False  # whether all items of the best strip have moved at once
-        self._spent = 0.0  # the share of the search in which the first construction settled
-        self._is_rebuilt = False
+        self._compacted: Poses | None = None  # the last ones of which all items moved at once
+        self._failures = 0
 
     def _constructed(self, problem: Problem) -> Solution:
-        task = self._task
-        self._side = FIRST_SIDE * cell_side(problem, task)
+        self._side = FIRST_SIDE * cell_side(problem, self._task)
         order = self._order(problem, 0.0)
-        poses = constructed(problem, task, [task.size], self._rng, order=order)
+        poses = constructed(problem, self._task, [self._task.size], self._rng, order=order)
         return self._solution(problem, poses)
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
-        """Let the construction settle; then construct once more, as finely as there is time for."""
-        task, settings = self._task, self._task.settings
-        if self.best is None or self._is_rebuilt:
+        """Construct on a finer grid, as often as there is time; then move all items at once."""
+        if self._is_constructed:
             return
-        if self._spent == 0:
-            before = budget.progress
-            self._offer(problem, self._settled(problem, self.best.poses))
-            budget.take(settings.passes_at_once)
-            self._spent = budget.progress - before
+        before = budget.progress
+        finer = self._next_finer(before)
+        if finer > LEAST_FINER * self._finer:
+            self._is_constructed = True
+            self._compact(problem)
             return
-        self._is_rebuilt = True
-        factor = max((self._spent / settings.constructing) ** (1 / COST), FINEST)
-        if factor >= 1:
-            return
-        order = self._order(problem, SHUFFLE)
-        side = factor * cell_side(problem, task)
-        poses = filled_cells(
-            problem, task, task.unplaced, boxes_of([task.size]), order, budget, side
-        )
-        budget.take(settings.passes_at_once)
-        height = self._solution(problem, poses).score[0]
-        if poses.inside.all() and height < self.best.score[0] * (1 + NEAR):
-            self._offer(problem, self._settled(problem, poses))
+        self._finer = finer
+        task, boxes = self._task, boxes_of([self._task.size])
+        order, side = self._order(problem, SHUFFLE), finer * cell_side(problem, task)
+        poses = filled_cells(problem, task, task.unplaced, boxes, order, self._rng, budget, side)
+        if poses.inside.all():
+            self._offer(problem, self._solution(problem, poses))
+        budget.take(task.settings.passes_at_once)
+        self._spent = budget.progress - before
+
+    def _next_finer(self, progress: float) -> float:
+        """Return the cells of the next construction, as a share of the first one's."""
+        finer = FINER * self._finer
+        if self._spent > 0:
+            left = max(self._task.settings.constructing - progress, 1e-9)
+            finer = max(finer, self._finer * (self._spent / left) ** (1 / COST))
+        return max(finer, FINEST)
 
     def _begun(self, problem: Problem, best: Solution) -> CellSeparation:
         return CellSeparation(self._task, best, self._side, self._more)
@@ -102,11 +111,10 @@ class CellStripSearch(NestSearch):
             self._offer(problem, solution)
             height = solution.score[0]
         if height < best.score[0] * (1 - LEAST_GAIN):
-            self._is_compact = False
             self._more -= 1
             self._failures = 0
             return
-        if not self._is_compact:
+        if best.poses is not self._compacted:
             self._compact(problem)
             return
         self._more = min(self._more + 1, MOST_MORE)
@@ -123,7 +131,7 @@ class CellStripSearch(NestSearch):
         state = loaded(problem, task, self.best.poses, boxes_of([task.size]))
         compact(problem, task, state, task.settings.compacting_moves, self._budget)
         self._offer(problem, self._solution(problem, Poses.of(state)))
-        self._is_compact = True
+        self._compacted = self.best.poses
 
     def _order(self, problem: Problem, shuffle: float) -> Ints:
         """Return the items, the large and thick ones first: they find no place later."""

@@ -65,7 +65,7 @@ def constructed(
         poses = repaired(problem, task, task.start, boxes)
     order = task.order if order is None else order
     if problem.by_cells:
-        return filled_cells(problem, task, poses, boxes, order, budget)
+        return filled_cells(problem, task, poses, boxes, order, rng, budget)
     return filled(problem, task, poses, boxes, order, rng, budget)
 
 

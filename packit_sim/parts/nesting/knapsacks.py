@@ -88,7 +88,7 @@ class KnapsackSearch(NestSearch):
             settle_all(problem, self._task, state, self._rng, self._budget)
             order = self._task.order
             poses = filled_cells(
-                problem, self._task, Poses.of(state), self._boxes, order, self._budget
+                problem, self._task, Poses.of(state), self._boxes, order, self._rng, self._budget
             )
         return poses
 

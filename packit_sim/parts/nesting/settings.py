@@ -44,7 +44,7 @@ class SearchSettings:
     most_cells : float
         Most cells of a box, times the root of the number of items.
     constructing : float
-        Share of the search in which a strip of cells is constructed a second time, in smaller ones.
+        Share of the search after which a strip of cells is not constructed again, in smaller ones.
     cell_samples : tuple of int
         Samples of a move on the grid of cells, near the item and in the whole box.
     cell_patience : int
@@ -144,7 +144,7 @@ class SearchSettings:
     hollow: float = 0.6
     finest_cells: int = 44
     most_cells: float = 150_000
-    constructing: float = 0.2
+    constructing: float = 0.6
     cell_samples: tuple[int, int] = (15, 15)
     cell_patience: int = 150
     cell_failures: int = 3
