@@ -23,6 +23,7 @@ from packit_sim.parts.nesting.bins import BinsSearch
 from packit_sim.parts.nesting.build import SLACK, count_fields
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.knapsacks import KnapsackSearch
+from packit_sim.parts.nesting.lattices import lattice_poses
 from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.nesting.pose_kernels import box_of
 from packit_sim.parts.nesting.problem import Problem, boxes_of
@@ -226,6 +227,8 @@ def nest(
     task.limits = _limits(settings.limits, empty)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
+    elif objective != "bins":
+        task.start = lattice_poses(problems.get(), task)
 
     def checked(solution: Solution) -> Packing | None:
         packing = _packing(problems.get(), task, solution, empty)
