@@ -191,6 +191,8 @@ class Judge:
             require(most is None or 1 <= as_integer(most) <= 10_000, "a limit on parts")
             most = box.get("max mass")
             require(most is None or 1e-9 <= as_number(most) <= 1e12, "a limit on the mass")
+            most = box.get("balance")
+            require(most is None or 1e-3 <= as_number(most) <= 0.5, "a balance")
             if box.get("outline") is not None:
                 self._part(box["outline"], {})
         own = [sizes[name]["size"] for name in record["box names"]]
@@ -365,6 +367,7 @@ class Judge:
         request: Mapping[str, Any],
         placed: Sequence[tuple[str, int, Body]],
         masses: Mapping[str, float | None],
+        volumes: Mapping[str, float],
     ) -> list[float]:
         """Judge the limits of the boxes; return the numbers that the summary has of them."""
         boxes = {box["name"]: box for box in request["boxes"]}
@@ -380,6 +383,15 @@ class Judge:
             if (most := boxes[name].get("max parts")) is not None:
                 require(len(inside) <= most, "parts above the limit")
                 sums += [len(inside), most]
+            if (most := boxes[name].get("balance")) is not None:
+                known = [each is not None for each in masses.values()]
+                require(all(known) or not any(known), "masses for a balance")
+                weights = {each: masses[each] or volume for each, volume in volumes.items()}
+                own = [(weights[each], body.centre[:2]) for each, box, body in placed if box == number]
+                centre = np.average([c for _, c in own], axis=0, weights=[w for w, _ in own])
+                off = np.abs(centre / np.array(boxes[name]["size"][:2]) - 0.5)
+                self._at_most(float(off.max()) - most, 1e-9, 2e-6, "out of balance")
+                sums += [*(100 * off).tolist(), 100 * most]
             if sums and len(record["box names"]) > 1:
                 found.append(number + 1)
             found += sums
@@ -455,7 +467,7 @@ class Judge:
             line = "centre of gravity" if len(boxes) == 1 else f"centre, box {number + 1}"
             centres = np.array([body.centre for _, body in inside])
             true[line] = np.average(centres, axis=0, weights=weights).tolist()
-        if limits := self._limits(record, request, placed, masses):
+        if limits := self._limits(record, request, placed, masses, volumes):
             true["limits"] = limits
         lines = set(summary) - {"check", "linked pairs"}
         require(lines == {"packed", *true}, "the lines of the summary")

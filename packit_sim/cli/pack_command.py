@@ -106,6 +106,13 @@ def pack_command(
         list[str] | None,
         typer.Option(help="Most parts in a box, such as 12; A:12 for boxes A."),
     ] = None,
+    balance: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Farthest that a box's centre of gravity is off the middle, in shares of the "
+            "sides, such as 10%; A:10% for boxes A."
+        ),
+    ] = None,
     groups: Annotated[
         list[str] | None,
         typer.Option(
@@ -211,7 +218,7 @@ def pack_command(
         backend=backend,
         address=address,
         iterations=iterations,
-        limits=limits.read_limits(max_mass or (), max_parts or ()),
+        limits=limits.read_limits(max_mass or (), max_parts or (), balance or ()),
         groups=groups or (),
     )
     if save_preset is not None:

@@ -239,6 +239,9 @@ class PackTask:
         check_margin(self.margin, self.boxes, self.unit)
         if any(box.limits.max_mass is not None for box in self.boxes):
             self._check_masses("limits on the mass in a box")
+        masses = [each.mass is None for each in self.parts]
+        if any(box.limits.balance is not None for box in self.boxes) and not all(masses):
+            self._check_masses("a balance by mass, since other parts have one,")
         for box in self.boxes:
             self.constraints.check_container(box.container)
         if self.settings.groups:
@@ -372,6 +375,11 @@ class PackTask:
     def masses_in(self, packing: Packing) -> list[float | None]:
         """Return the grams of each part in a packing, without the fixed ones."""
         return [self.parts[one.type].mass for one in packing.placements]
+
+    @cached_property
+    def gravities(self) -> tuple[float, ...]:
+        """What one of each part weighs in a balance: grams, or volumes if no part has a mass."""
+        return tuple(each.volume if each.mass is None else each.mass for each in self.parts)
 
     @property
     def is_constrained(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import astuple
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -125,6 +126,8 @@ class RequestedBox(Struct, rename=lambda name: name.replace("_", " ")):
         The most grams in one.
     max_parts : int, optional
         The most parts in one.
+    balance : float, optional
+        How far the centre of gravity may be off the middle, in shares of the sides.
     """
 
     name: str
@@ -134,10 +137,11 @@ class RequestedBox(Struct, rename=lambda name: name.replace("_", " ")):
     outline: RequestedPart | None = None
     max_mass: float | None = None
     max_parts: int | None = None
+    balance: float | None = None
 
     def box(self, folder: Path, unit: Unit, copies: FileCopies) -> BoxType | MeshBox:
         """Return the box, with its mesh if it is one (see `RequestedPart.part`)."""
-        limits = Limits(self.max_mass, self.max_parts)
+        limits = Limits(self.max_mass, self.max_parts, self.balance)
         if self.form == "box":
             return BoxType(self.size, self.name, self.count, limits=limits)
         if self.form == "cylinder":
@@ -259,7 +263,7 @@ def _requested_box(
     task: PackTask, box: BoxType, mesh: str | None, files: Mapping[str, str]
 ) -> RequestedBox:
     outline = None if mesh is None else _requested(task.outlines[box.name], mesh, files)
-    limits = (box.limits.max_mass, box.limits.max_parts)
+    limits = astuple(box.limits)
     return RequestedBox(box.name, box.size, box.count, form_of(box.container), outline, *limits)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from packit_sim.parts.filling.balance import off_middle
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.separability import linked_pairs, links_in_words
 from packit_sim.parts.reading.sizes import container_text
@@ -38,7 +39,10 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         stretched = f", with z times {task.stretch:.4g}" if task.stretch != 1 else ""
         texts["smallest distance"] = f"{found.distance:.4g} {unit}{stretched}"
     texts["mass"] = "unknown" if packed.mass is None else f"{packed.mass:.5g} g"
-    limits = [task.limits(each).text(task.masses_in(each)) for each in packed.packings]
+    limits = [
+        task.limits(each).text(task.masses_in(each), off_middle(task, each).tolist())
+        for each in packed.packings
+    ]
     if any(limits):
         numbered = [f"box {n}: {text}" for n, text in enumerate(limits, start=1) if text]
         texts["limits"] = limits[0] if len(limits) == 1 else "; ".join(numbered)
