@@ -390,7 +390,7 @@ class Judge:
                 own = [(weights[each], body.centre[:2]) for each, box, body in placed if box == number]
                 centre = np.average([c for _, c in own], axis=0, weights=[w for w, _ in own])
                 off = np.abs(centre / np.array(boxes[name]["size"][:2]) - 0.5)
-                self._at_most(float(off.max()) - most, 1e-9, 2e-6, "out of balance")
+                self._at_most(float(off.max()) - most, -2e-3, 2e-3, "out of balance")
                 sums += [*(100 * off).tolist(), 100 * most]
             if sums and len(record["box names"]) > 1:
                 found.append(number + 1)

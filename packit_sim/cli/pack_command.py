@@ -29,8 +29,8 @@ from packit_sim.core.length_units import Unit
 
 with lazy_imports():
     from packit_sim.cli import output, terminal
+    from packit_sim.parts.reading import box_lists, distances, limits, named_containers, units
     from packit_sim.parts.reading import boxes as box_texts
-    from packit_sim.parts.reading import distances, limits, named_containers, units
     from packit_sim.parts.reading import files as part_files
     from packit_sim.parts.results import check, record, summary
 
@@ -49,7 +49,9 @@ def pack_command(
     box: Annotated[
         list[str] | None,
         typer.Option(
-            "--box", help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several."
+            "--box",
+            help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several; or a list "
+            "of boxes (.csv, .xlsx).",
         ),
     ] = None,
     container: ContainersOption = None,
@@ -199,7 +201,8 @@ def pack_command(
     boxes_asked = [*(box or ()), *(container or ())]
     if not boxes_asked:
         raise ArgumentError("there is no box: choose --box 300x200x150mm, or --container")
-    length: Unit = box_texts.box_unit(named_containers.without_names(boxes_asked)[0]) or unit
+    each_box, _ = named_containers.without_names(box_lists.without_lists(boxes_asked)[0])
+    length: Unit = box_texts.box_unit(each_box) or unit
     settings = packit_sim.PackSettings(
         clearance=units.lengths(clearance, 1, length)[0],
         clearance_z=None if clearance_z is None else units.lengths(clearance_z, 1, length)[0],

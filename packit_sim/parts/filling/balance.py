@@ -36,8 +36,8 @@ def off_middle(task: PackTask, packing: Packing) -> Floats:
 
 def over_balance(task: PackTask, packing: Packing) -> dict[int, str]:
     """Return the parts to leave out of a box so that it keeps its balance, with the reason."""
-    limits, off = task.limits(packing), off_middle(task, packing)
-    if limits.balance is None or not limits.beyond(off.tolist()):
+    limits = task.limits(packing)
+    if limits.balance is None or not limits.beyond((off := off_middle(task, packing)).tolist()):
         return {}
     weights, centres = _centres(task, packing)
     values = np.array([task.weights[one.type] for one in packing.placements])
