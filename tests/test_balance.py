@@ -67,7 +67,7 @@ def test_around_a_volume_that_stays_free() -> None:
 def test_without_masses_volumes_count() -> None:
     parts = [cube("a", count=2), cube("b", 15)]
     assert off(pack(parts, balanced(0.02), settings=QUICK)) <= 0.02
-    with pytest.raises(ArgumentError, match="by mass, since other parts have one, need masses"):
+    with pytest.raises(ArgumentError, match="by mass, since other parts have one, needs masses"):
         pack([cube("a", mass=1), cube("b")], balanced(0.02), settings=QUICK)
 
 

@@ -34,7 +34,8 @@ from campaigns.forgeries.values import (
 from campaigns.packings.random_parts import QUARTERS
 from campaigns.packings.shapes import Floats
 
-UNITS = ("micron", "mm", "cm", "in", "ft", "m")
+CENTIMETRES = {"micron": 1e-4, "mm": 0.1, "cm": 1, "in": 2.54, "ft": 30.48, "m": 100}
+"""The units of length."""
 
 SETS: Mapping[str, Floats] = {
     "fixed": np.eye(3)[None],
@@ -131,7 +132,7 @@ class Judge:
             possible = along_z > 0 and 0.05 <= across / along_z <= 20
             require(possible, "the clearance along z")
             self.doubts.append("a clearance along z")
-        require(request["unit"] in UNITS, "unit")
+        require(request["unit"] in CENTIMETRES, "unit")
         asked = self.honest["request"]
         for name in ("objective", *SETTINGS):
             if not is_same(request[name], asked[name]):
@@ -397,6 +398,29 @@ class Judge:
             found += sums
         return found
 
+    def _powder(
+        self,
+        powder: Mapping[str, Any],
+        request: Mapping[str, Any],
+        box_names: Sequence[str],
+        placed: Sequence[tuple[str, int, Body]],
+        masses: Mapping[str, float | None],
+    ) -> list[float]:
+        """Judge the powder; return the numbers that the summary has of it."""
+        density, refresh = as_number(powder["density"]), as_number(powder["refresh"])
+        require(1e-9 <= density <= 1e6 and 0 < refresh <= 1, "the powder")
+        require(None not in masses.values(), "a mass for the powder")
+        boxes = {box["name"]: box for box in request["boxes"]}
+        bed = 0.0
+        for number, name in enumerate(box_names):
+            x, y, _ = boxes[name]["size"]
+            base = x * y * (np.pi / 4 if boxes[name].get("form") == "cylinder" else 1)
+            bed += base * max(float(body.high[2]) for _, box, body in placed if box == number)
+        parts = sum(body.volume for _, _, body in placed)
+        mass = sum(masses[name] or 0.0 for name, _, _ in placed)
+        total = (bed - parts) * CENTIMETRES[request["unit"]] ** 3 * density + mass
+        return [total, 100 * mass / total, refresh * total, 100 * refresh]
+
     def _between(self, one: Body, other: Body, clearance: float, longest: float) -> None:
         gap = one.gap(other)
         width = min(_tolerance(longest, one), _tolerance(longest, other))
@@ -414,7 +438,6 @@ class Judge:
         meshes: Mapping[str, Body],
     ) -> None:
         """Judge volumes, masses and the summary."""
-        centimetres = {"micron": 1e-4, "mm": 0.1, "cm": 1, "in": 2.54, "ft": 30.48, "m": 100}
         unit, summary = request["unit"], record["summary"]
         require(all(isinstance(each, str) for each in summary.values()), "the summary")
         parts = {each["name"]: each for each in request["parts"]}
@@ -423,7 +446,7 @@ class Judge:
         for name, volume in volumes.items():
             masses[name], density = parts[name]["mass"], parts[name]["density"]
             if masses[name] is None and density is not None:
-                masses[name] = as_number(density) * volume * centimetres[unit] ** 3
+                masses[name] = as_number(density) * volume * CENTIMETRES[unit] ** 3
         for each in record["parts"]:
             as_number(each["volume"])
             require(each["mass"] is None or as_number(each["mass"]) is not None, "a mass")
@@ -467,6 +490,8 @@ class Judge:
             line = "centre of gravity" if len(boxes) == 1 else f"centre, box {number + 1}"
             centres = np.array([body.centre for _, body in inside])
             true[line] = np.average(centres, axis=0, weights=weights).tolist()
+        if (powder := request.get("powder")) is not None:
+            true["powder"] = self._powder(powder, request, record["box names"], placed, masses)
         if limits := self._limits(record, request, placed, masses, volumes):
             true["limits"] = limits
         lines = set(summary) - {"check", "linked pairs"}

@@ -32,6 +32,7 @@ with lazy_imports():
     from packit_sim.parts.reading import box_lists, distances, limits, named_containers, units
     from packit_sim.parts.reading import boxes as box_texts
     from packit_sim.parts.reading import files as part_files
+    from packit_sim.parts.reading import powder as powders
     from packit_sim.parts.results import check, record, summary
 
 
@@ -120,6 +121,12 @@ def pack_command(
         typer.Option(
             help="Rule for the groups of a manifest: together (each in one box), apart (never two "
             "in one box), kit (whole in one box, or not at all)."
+        ),
+    ] = None,
+    powder: Annotated[
+        str | None,
+        typer.Option(
+            help="Loose powder's g/cm3 and refresh rate, such as 0.45:20%: how much a build takes."
         ),
     ] = None,
     unit: FileUnitOption = "mm",
@@ -223,6 +230,7 @@ def pack_command(
         iterations=iterations,
         limits=limits.read_limits(max_mass or (), max_parts or (), balance or ()),
         groups=groups or (),
+        powder=None if powder is None else powders.read_powder(powder),
     )
     if save_preset is not None:
         option_presets.save_preset(ctx, save_preset)

@@ -39,6 +39,7 @@ from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.files import ReadSettings, UnreadFile
 from packit_sim.parts.reading.limits import NO_LIMITS, Limits
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.powder import Powder
 from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
 from packit_sim.parts.reading.sizes import fits, too_large
 from packit_sim.parts.reading.units import check_unit
@@ -102,6 +103,8 @@ class PackSettings:
     groups : sequence of str
         Rules for the parts of each group: "together": all that are packed share a box; "kit": they
         are packed whole, into one box, or not at all; "apart": no box has parts of two groups.
+    powder : Powder, optional
+        The powder of the bed, of which the summary has how much a build takes.
 
     Raises
     ------
@@ -149,6 +152,7 @@ class PackSettings:
     limits: Limits | Mapping[str, Limits] = NO_LIMITS
     clearance_z: float | None = None
     groups: Sequence[str] = ()
+    powder: Powder | None = None
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
@@ -241,9 +245,13 @@ class PackTask:
             self._check_masses("limits on the mass in a box")
         masses = [each.mass is None for each in self.parts]
         if any(box.limits.balance is not None for box in self.boxes) and not all(masses):
-            self._check_masses("a balance by mass, since other parts have one,")
+            self._check_masses("a balance by mass, since other parts have one,", "needs")
+        if self.settings.powder is not None:
+            self._check_masses("a powder", "needs")
         for box in self.boxes:
             self.constraints.check_container(box.container)
+            if self.settings.powder is not None and form_of(box.container) == "mesh":
+                raise ArgumentError(f"a powder needs a box or a cylinder, not {box.name!r}, a mesh")
         if self.settings.groups:
             self._check_groups()
 
@@ -359,12 +367,12 @@ class PackTask:
         is_small = volume <= box.container.volume * (1 + SUM_ROUNDING)
         return is_small and not limits and all(fits(each, box, self.margin) for each in parts)
 
-    def _check_masses(self, what: str) -> None:
+    def _check_masses(self, what: str, verb: str = "need") -> None:
         """Raise ArgumentError if something needs masses that are not known."""
         for each in self.parts:
             if each.mass is None:
                 raise ArgumentError(
-                    f"{what} need masses: part {each.part.name!r} has no mass or density"
+                    f"{what} {verb} masses: part {each.part.name!r} has no mass or density"
                 )
 
     def limits(self, packing: Packing) -> Limits:

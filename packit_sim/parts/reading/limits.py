@@ -109,7 +109,7 @@ class Limits:
             texts.append(f"{len(masses)} of {self.max_parts} parts")
         if self.balance is not None:
             x, y = (abs(100 * each) for each in off)
-            texts.append(f"{x:.2f}% and {y:.2f}% of {100 * self.balance:.4g}% off the middle")
+            texts.append(f"{x:.5g}% and {y:.5g}% of {100 * self.balance:.5g}% off the middle")
         return ", ".join(texts)
 
     def faults(self, masses: Sequence[float | None]) -> list[str]:

@@ -25,6 +25,7 @@ from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.powder import Powder
 from packit_sim.parts.reading.prepared import PreparedPart
 
 
@@ -159,6 +160,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     ----------
     constraints : tuple of str
         Custom constraints, which can't be checked.
+    powder : Powder, optional
+        The powder of the bed.
     """
 
     parts: tuple[RequestedPart, ...]
@@ -177,6 +180,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     separable: bool = False  # earlier versions did not record it
     clearance_z: float | None = None  # nor this
     groups: tuple[GroupRule, ...] = ()  # nor this
+    powder: Powder | None = None  # nor this
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
@@ -209,6 +213,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
             fixed=[each.part(folder, self.unit, copies) for each in self.fixed],
             workers=1,
             clearance_z=self.clearance_z,
+            powder=self.powder,
         )
         boxes = [each.box(folder, self.unit, copies) for each in self.boxes]
         packed = [each for each in self.parts if each.mesh is not None]
@@ -254,6 +259,7 @@ def request(
         settings.separable,
         settings.clearance_z,
         tuple(settings.groups),  # type: ignore[arg-type]
+        settings.powder,
     )
     built: dict[str, Any] = to_builtins(found)
     return built
