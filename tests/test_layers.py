@@ -48,7 +48,7 @@ def test_the_powder_of_a_build() -> None:
 def test_texts_of_powders() -> None:
     assert read_powder("0.45:20%") == read_powder("0.45 g/cm3:20 %") == Powder(0.45, 0.2)
     for wrong in ("20%", "0.45", "0.45:20", "-1:20%"):
-        with pytest.raises(ArgumentError, match="such as 0.45:20%"):
+        with pytest.raises(ArgumentError, match=r"such as 0\.45:20%"):
             read_powder(wrong)
     for wrong in ("0.45:0%", "0.45:101%", "0:20%"):
         with pytest.raises(ArgumentError, match="the powder's"):

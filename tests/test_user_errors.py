@@ -44,7 +44,10 @@ WRONG = [
     ("pack good.off --container prusa-mk44 --out x", "not known: is it 'prusa-mk4'?"),
     ("pack good.off --preset list.json --out x", "list.json: it has no object 'options'"),
     ("pack good.off --preset absent.json --out x", "absent.json: No such file"),
-    ("pack good.off --box 9x9x9 --out x --balance 10", "'10' is not a share of a side, such as 10%"),
+    (
+        "pack good.off --box 9x9x9 --out x --balance 10",
+        "'10' is not a share of a side, such as 10%",
+    ),
     ("pack good.off --box 9x9x9 --out x --balance B:9%", "limits are for box 'B', which there"),
     ("pack good.off --box 9x9x9 --out x --powder 20%", "'20%' is not a powder's density"),
     ("pack good.off --box absent.csv --out x", "absent.csv: No such file"),

@@ -388,7 +388,9 @@ class Judge:
                 known = [each is not None for each in masses.values()]
                 require(all(known) or not any(known), "masses for a balance")
                 weights = {each: masses[each] or volume for each, volume in volumes.items()}
-                own = [(weights[each], body.centre[:2]) for each, box, body in placed if box == number]
+                own = [
+                    (weights[each], body.centre[:2]) for each, box, body in placed if box == number
+                ]
                 centre = np.average([c for _, c in own], axis=0, weights=[w for w, _ in own])
                 off = np.abs(centre / np.array(boxes[name]["size"][:2]) - 0.5)
                 self._at_most(float(off.max()) - most, -2e-3, 2e-3, "out of balance")

@@ -39,7 +39,7 @@ def _plot(packing: Packing, unit: Unit) -> dict[str, Any]:
         "shares": (found.areas / most).tolist(),
         "counts": found.counts.tolist(),
         "top": f"{packing.height:.5g} {unit}",
-        "base": f"{most:.4g} {unit}²",
+        "base": f"{most:.6g} {unit}²",
         "variation": f"{found.variation:.3f}",
         "most": int(found.counts.max(initial=0)),
     }
