@@ -8,9 +8,9 @@ from packit_sim import BoxContainer, ItemType, Packing, PackSettings, Part, pack
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts import summary
+from packit_sim.parts.packings.layers import cut_area, layers
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.powder import Powder, read_powder
-from packit_sim.parts.results.layers import cut_area, layers
 
 
 @pytest.mark.parametrize("height", [0.1, 0.5, 0.9])

@@ -50,6 +50,7 @@ WRONG = [
     ),
     ("pack good.off --box 9x9x9 --out x --balance B:9%", "limits are for box 'B', which there"),
     ("pack good.off --box 9x9x9 --out x --powder 20%", "'20%' is not a powder's density"),
+    ("pack good.off --box 9x9x9 --out x --even --removable", "even is not possible with"),
     ("pack good.off --box absent.csv --out x", "absent.csv: No such file"),
     ("pack good.off --box manifest.csv --out x", "manifest.csv: its first row is file"),
     ("pack", "Missing argument"),

@@ -47,7 +47,16 @@ SETS: Mapping[str, Floats] = {
 UNDECIDED = ("value", "priority", "no stack", "max load", "deviation", "group")
 """Fields of a requested part that the judge does not understand."""
 
-SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints", "separable", "groups")
+SETTINGS = (
+    "accuracy",
+    "removable",
+    "insertable",
+    "stable",
+    "constraints",
+    "separable",
+    "groups",
+    "even",
+)
 """The same of the request."""
 
 DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
@@ -120,7 +129,9 @@ class Judge:
         return record
 
     def _record(self, record: Mapping[str, Any]) -> None:
-        request = {"separable": False, "groups": []} | record["request"]  # once not recorded
+        request = {"separable": False, "groups": [], "even": False} | record[
+            "request"
+        ]  # once not recorded
         require(as_number(request["clearance"]) >= 0, "clearance")
         as_walls(request["wall clearance"])
         for name in ("unit", "objective", "clearance", "wall clearance"):

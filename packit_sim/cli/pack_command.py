@@ -123,6 +123,10 @@ def pack_command(
             "in one box), kit (whole in one box, or not at all)."
         ),
     ] = None,
+    even: Annotated[
+        bool,
+        typer.Option("--even", help="Spread the parts' area over the height, after the search."),
+    ] = False,
     powder: Annotated[
         str | None,
         typer.Option(
@@ -230,6 +234,7 @@ def pack_command(
         iterations=iterations,
         limits=limits.read_limits(max_mass or (), max_parts or (), balance or ()),
         groups=groups or (),
+        even=even,
         powder=None if powder is None else powders.read_powder(powder),
     )
     if save_preset is not None:

@@ -105,6 +105,9 @@ class PackSettings:
         are packed whole, into one box, or not at all; "apart": no box has parts of two groups.
     powder : Powder, optional
         The powder of the bed, of which the summary has how much a build takes.
+    even : bool
+        Whether parts move after the search, none above the highest one, until the packed area
+        varies less over the height.
 
     Raises
     ------
@@ -153,6 +156,7 @@ class PackSettings:
     clearance_z: float | None = None
     groups: Sequence[str] = ()
     powder: Powder | None = None
+    even: bool = False
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
@@ -246,6 +250,10 @@ class PackTask:
         masses = [each.mass is None for each in self.parts]
         if any(box.limits.balance is not None for box in self.boxes) and not all(masses):
             self._check_masses("a balance by mass, since other parts have one,", "needs")
+        if self.settings.even and self.is_constrained:
+            raise ArgumentError(
+                "even is not possible with constraints, which parts that move break"
+            )
         if self.settings.powder is not None:
             self._check_masses("a powder", "needs")
         for box in self.boxes:

@@ -13,10 +13,10 @@ from packit_sim.core.version import __version__
 from packit_sim.geometry.lattice import CELL
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings.container_files import form_of
+from packit_sim.parts.packings.layers import layers
 from packit_sim.parts.packings.outlines import outline
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.results.check import Check
-from packit_sim.parts.results.layers import layers
 from packit_sim.parts.results.pictures import part_colors, shown
 from packit_sim.parts.results.summary import summary, why_left_out
 from packit_sim.web.page_models import Models, page_texts

@@ -162,6 +162,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
         Custom constraints, which can't be checked.
     powder : Powder, optional
         The powder of the bed.
+    even : bool
+        Whether layers were evened.
     """
 
     parts: tuple[RequestedPart, ...]
@@ -181,6 +183,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     clearance_z: float | None = None  # nor this
     groups: tuple[GroupRule, ...] = ()  # nor this
     powder: Powder | None = None  # nor this
+    even: bool = False  # nor this
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
@@ -260,6 +263,7 @@ def request(
         settings.clearance_z,
         tuple(settings.groups),  # type: ignore[arg-type]
         settings.powder,
+        settings.even,
     )
     built: dict[str, Any] = to_builtins(found)
     return built

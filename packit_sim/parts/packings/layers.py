@@ -34,8 +34,13 @@ class Layers:
     @property
     def variation(self) -> float:
         """The coefficient of variation of the areas: 0 if they are all equal."""
-        mean = float(self.areas.mean())
-        return float(self.areas.std()) / mean if mean > 0 else 0.0
+        return variation(self.areas)
+
+
+def variation(areas: Floats) -> float:
+    """Return the standard deviation of areas, divided by their mean."""
+    mean = float(areas.mean())
+    return float(areas.std()) / mean if mean > 0 else 0.0
 
 
 def layers(packing: Packing) -> Layers:
