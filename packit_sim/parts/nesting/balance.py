@@ -63,6 +63,16 @@ class Balance:
             The type of each item.
         size : sequence of float
             The sides of the container.
+
+        Returns
+        -------
+        ItemBalance
+            The limit.
+
+        Raises
+        ------
+        ArgumentError
+            If it is of other types, or a number is out of range.
         """
         if not len(self.weights) == len(self.centres) == len(types):
             raise ArgumentError(f"a balance needs a weight and a centre for {len(types)} items")
@@ -151,10 +161,12 @@ def excess(weights: Floats, centres: Floats, values: Floats, reach: Floats) -> I
 
     Parameters
     ----------
-    weights, values : ndarray of float64, shape (n,)
-        The weight and the value of each item.
+    weights : ndarray of float64, shape (n,)
+        The weight of each item.
     centres : ndarray of float64, shape (n, 2)
         Its centre of gravity, from the middle.
+    values : ndarray of float64, shape (n,)
+        Its value.
     reach : ndarray of float64, shape (2,)
         How far from the middle their common centre may be.
 

@@ -73,6 +73,11 @@ class Powder:
 def read_powder(text: str) -> Powder:
     """Read a powder, such as "0.45:20%": its density in g/cm3, and the refresh rate.
 
+    Returns
+    -------
+    Powder
+        The powder.
+
     Raises
     ------
     ArgumentError
