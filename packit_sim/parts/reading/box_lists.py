@@ -11,7 +11,7 @@ from packit_sim.parts.reading.boxes import Boxes, MeshBox, OneBox
 from packit_sim.parts.reading.limits import Limits, read_limits
 from packit_sim.parts.reading.tables import read_table
 
-SUFFIXES = (".csv", ".tsv", ".txt", ".xlsx")
+SUFFIXES = (".csv", ".tsv", ".xlsx")
 """Suffixes of lists of boxes."""
 
 _COLUMNS = ("box", "name", "count", "max_mass", "max_parts", "balance")
