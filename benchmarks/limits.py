@@ -88,7 +88,7 @@ def compare(seed: int, seconds: float) -> list[dict[str, Any]]:
         found.append(
             {
                 "set": seed,
-                "limits": limits.text(masses),
+                "limits": limits.text(masses, (0.0, 0.0)),
                 "is kept": not limits.faults(masses),
                 "volume": own.volume,
                 "plain runs that keep them": len(keeping),

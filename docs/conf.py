@@ -46,8 +46,9 @@ nitpick_ignore_regex = [
         r"|game\.evaluation\.executed\.Executed"
         r"|geometry\.(items\.(AtPose|ItemT|PosedItem)|parts\.Parts|voxels\.Voxels)"
         r"|libraries\.sources\.Source"
+        r"|parts\.nesting\.balance\.Balance"
         r"|parts\.packings\.(checked_items\.CheckedItem|containers\.(Container|Measured))"
-        r"|parts\.reading\.(file_copies\.FileCopy|limits\.Limits \| .*))",
+        r"|parts\.reading\.(file_copies\.FileCopy|limits\.Limits \| .*|powder\.Powder))",
     ),
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few

@@ -96,6 +96,9 @@ UNREAD: dict[str, tuple[int, str, int, str, Any]] = {
     "a limit on the mass that is broken": (0, "boxes", 0, "max mass", 1e-3),
     "a limit on parts that is not kept": (0, "boxes", 0, "max parts", 1),
     "a limit on parts that nobody said": (0, "boxes", 0, "max parts", 10_000),
+    "a balance that is a text": (0, "boxes", 0, "balance", "10%"),
+    "a balance that is not kept": (0, "boxes", 0, "balance", 0.01),
+    "a balance that nobody said": (0, "boxes", 0, "balance", 0.5),
     "a clearance that is a text": (0, "parts", 0, "clearance", "1mm"),
     "a clearance that nobody said": (0, "parts", 0, "clearance", 1.0),
 }

@@ -50,6 +50,13 @@ def test_one_box_is_as_wide_as_the_page(shown) -> None:
     assert "not done" in shown.locator("#summary").inner_text()
 
 
+def test_the_layers_are_plotted(shown) -> None:
+    bars = shown.locator("#layers rect")
+    assert bars.count() == 50
+    assert bars.first.locator("title").text_content() == "62.1%, 6 parts"
+    assert "at most 6 parts in a layer" in shown.locator("#layers").inner_text()
+
+
 def test_in_a_narrow_window_nothing_scrolls_sideways(shown) -> None:
     shown.set_viewport_size({"width": 360, "height": 640})
     assert shown.evaluate("document.documentElement.scrollWidth") <= 360

@@ -34,7 +34,8 @@ from campaigns.forgeries.values import (
 from campaigns.packings.random_parts import QUARTERS
 from campaigns.packings.shapes import Floats
 
-UNITS = ("micron", "mm", "cm", "in", "ft", "m")
+CENTIMETRES = {"micron": 1e-4, "mm": 0.1, "cm": 1, "in": 2.54, "ft": 30.48, "m": 100}
+"""The units of length."""
 
 SETS: Mapping[str, Floats] = {
     "fixed": np.eye(3)[None],
@@ -46,7 +47,16 @@ SETS: Mapping[str, Floats] = {
 UNDECIDED = ("value", "priority", "no stack", "max load", "deviation", "group")
 """Fields of a requested part that the judge does not understand."""
 
-SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints", "separable", "groups")
+SETTINGS = (
+    "accuracy",
+    "removable",
+    "insertable",
+    "stable",
+    "constraints",
+    "separable",
+    "groups",
+    "even",
+)
 """The same of the request."""
 
 DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
@@ -119,7 +129,9 @@ class Judge:
         return record
 
     def _record(self, record: Mapping[str, Any]) -> None:
-        request = {"separable": False, "groups": []} | record["request"]  # once not recorded
+        request = {"separable": False, "groups": [], "even": False} | record[
+            "request"
+        ]  # once not recorded
         require(as_number(request["clearance"]) >= 0, "clearance")
         as_walls(request["wall clearance"])
         for name in ("unit", "objective", "clearance", "wall clearance"):
@@ -131,7 +143,7 @@ class Judge:
             possible = along_z > 0 and 0.05 <= across / along_z <= 20
             require(possible, "the clearance along z")
             self.doubts.append("a clearance along z")
-        require(request["unit"] in UNITS, "unit")
+        require(request["unit"] in CENTIMETRES, "unit")
         asked = self.honest["request"]
         for name in ("objective", *SETTINGS):
             if not is_same(request[name], asked[name]):
@@ -191,6 +203,8 @@ class Judge:
             require(most is None or 1 <= as_integer(most) <= 10_000, "a limit on parts")
             most = box.get("max mass")
             require(most is None or 1e-9 <= as_number(most) <= 1e12, "a limit on the mass")
+            most = box.get("balance")
+            require(most is None or 1e-3 <= as_number(most) <= 0.5, "a balance")
             if box.get("outline") is not None:
                 self._part(box["outline"], {})
         own = [sizes[name]["size"] for name in record["box names"]]
@@ -365,6 +379,7 @@ class Judge:
         request: Mapping[str, Any],
         placed: Sequence[tuple[str, int, Body]],
         masses: Mapping[str, float | None],
+        volumes: Mapping[str, float],
     ) -> list[float]:
         """Judge the limits of the boxes; return the numbers that the summary has of them."""
         boxes = {box["name"]: box for box in request["boxes"]}
@@ -380,10 +395,44 @@ class Judge:
             if (most := boxes[name].get("max parts")) is not None:
                 require(len(inside) <= most, "parts above the limit")
                 sums += [len(inside), most]
+            if (most := boxes[name].get("balance")) is not None:
+                known = [each is not None for each in masses.values()]
+                require(all(known) or not any(known), "masses for a balance")
+                weights = {each: masses[each] or volume for each, volume in volumes.items()}
+                own = [
+                    (weights[each], body.centre[:2]) for each, box, body in placed if box == number
+                ]
+                centre = np.average([c for _, c in own], axis=0, weights=[w for w, _ in own])
+                off = np.abs(centre / np.array(boxes[name]["size"][:2]) - 0.5)
+                self._at_most(float(off.max()) - most, -2e-3, 2e-3, "out of balance")
+                sums += [*(100 * off).tolist(), 100 * most]
             if sums and len(record["box names"]) > 1:
                 found.append(number + 1)
             found += sums
         return found
+
+    def _powder(
+        self,
+        powder: Mapping[str, Any],
+        request: Mapping[str, Any],
+        box_names: Sequence[str],
+        placed: Sequence[tuple[str, int, Body]],
+        masses: Mapping[str, float | None],
+    ) -> list[float]:
+        """Judge the powder; return the numbers that the summary has of it."""
+        density, refresh = as_number(powder["density"]), as_number(powder["refresh"])
+        require(1e-9 <= density <= 1e6 and 0 < refresh <= 1, "the powder")
+        require(None not in masses.values(), "a mass for the powder")
+        boxes = {box["name"]: box for box in request["boxes"]}
+        bed = 0.0
+        for number, name in enumerate(box_names):
+            x, y, _ = boxes[name]["size"]
+            base = x * y * (np.pi / 4 if boxes[name].get("form") == "cylinder" else 1)
+            bed += base * max(float(body.high[2]) for _, box, body in placed if box == number)
+        parts = sum(body.volume for _, _, body in placed)
+        mass = sum(masses[name] or 0.0 for name, _, _ in placed)
+        total = (bed - parts) * CENTIMETRES[request["unit"]] ** 3 * density + mass
+        return [total, 100 * mass / total, refresh * total, 100 * refresh]
 
     def _between(self, one: Body, other: Body, clearance: float, longest: float) -> None:
         gap = one.gap(other)
@@ -402,7 +451,6 @@ class Judge:
         meshes: Mapping[str, Body],
     ) -> None:
         """Judge volumes, masses and the summary."""
-        centimetres = {"micron": 1e-4, "mm": 0.1, "cm": 1, "in": 2.54, "ft": 30.48, "m": 100}
         unit, summary = request["unit"], record["summary"]
         require(all(isinstance(each, str) for each in summary.values()), "the summary")
         parts = {each["name"]: each for each in request["parts"]}
@@ -411,7 +459,7 @@ class Judge:
         for name, volume in volumes.items():
             masses[name], density = parts[name]["mass"], parts[name]["density"]
             if masses[name] is None and density is not None:
-                masses[name] = as_number(density) * volume * centimetres[unit] ** 3
+                masses[name] = as_number(density) * volume * CENTIMETRES[unit] ** 3
         for each in record["parts"]:
             as_number(each["volume"])
             require(each["mass"] is None or as_number(each["mass"]) is not None, "a mass")
@@ -455,7 +503,9 @@ class Judge:
             line = "centre of gravity" if len(boxes) == 1 else f"centre, box {number + 1}"
             centres = np.array([body.centre for _, body in inside])
             true[line] = np.average(centres, axis=0, weights=weights).tolist()
-        if limits := self._limits(record, request, placed, masses):
+        if (powder := request.get("powder")) is not None:
+            true["powder"] = self._powder(powder, request, record["box names"], placed, masses)
+        if limits := self._limits(record, request, placed, masses, volumes):
             true["limits"] = limits
         lines = set(summary) - {"check", "linked pairs"}
         require(lines == {"packed", *true}, "the lines of the summary")

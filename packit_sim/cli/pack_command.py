@@ -29,9 +29,10 @@ from packit_sim.core.length_units import Unit
 
 with lazy_imports():
     from packit_sim.cli import output, terminal
+    from packit_sim.parts.reading import box_lists, distances, limits, named_containers, units
     from packit_sim.parts.reading import boxes as box_texts
-    from packit_sim.parts.reading import distances, limits, named_containers, units
     from packit_sim.parts.reading import files as part_files
+    from packit_sim.parts.reading import powder as powders
     from packit_sim.parts.results import check, record, summary
 
 
@@ -49,7 +50,9 @@ def pack_command(
     box: Annotated[
         list[str] | None,
         typer.Option(
-            "--box", help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several."
+            "--box",
+            help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several; or a list "
+            "of boxes (.csv, .xlsx).",
         ),
     ] = None,
     container: ContainersOption = None,
@@ -106,11 +109,28 @@ def pack_command(
         list[str] | None,
         typer.Option(help="Most parts in a box, such as 12; A:12 for boxes A."),
     ] = None,
+    balance: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Farthest that a box's centre of gravity is off the middle, in shares of the "
+            "sides, such as 10%; A:10% for boxes A."
+        ),
+    ] = None,
     groups: Annotated[
         list[str] | None,
         typer.Option(
             help="Rule for the groups of a manifest: together (each in one box), apart (never two "
             "in one box), kit (whole in one box, or not at all)."
+        ),
+    ] = None,
+    even: Annotated[
+        bool,
+        typer.Option("--even", help="Spread the parts' area over the height, after the search."),
+    ] = False,
+    powder: Annotated[
+        str | None,
+        typer.Option(
+            help="Loose powder's g/cm3 and refresh rate, such as 0.45:20%: how much a build takes."
         ),
     ] = None,
     unit: FileUnitOption = "mm",
@@ -192,7 +212,8 @@ def pack_command(
     boxes_asked = [*(box or ()), *(container or ())]
     if not boxes_asked:
         raise ArgumentError("there is no box: choose --box 300x200x150mm, or --container")
-    length: Unit = box_texts.box_unit(named_containers.without_names(boxes_asked)[0]) or unit
+    each_box, _ = named_containers.without_names(box_lists.without_lists(boxes_asked)[0])
+    length: Unit = box_texts.box_unit(each_box) or unit
     settings = packit_sim.PackSettings(
         clearance=units.lengths(clearance, 1, length)[0],
         clearance_z=None if clearance_z is None else units.lengths(clearance_z, 1, length)[0],
@@ -211,8 +232,10 @@ def pack_command(
         backend=backend,
         address=address,
         iterations=iterations,
-        limits=limits.read_limits(max_mass or (), max_parts or ()),
+        limits=limits.read_limits(max_mass or (), max_parts or (), balance or ()),
         groups=groups or (),
+        even=even,
+        powder=None if powder is None else powders.read_powder(powder),
     )
     if save_preset is not None:
         option_presets.save_preset(ctx, save_preset)

@@ -12,6 +12,7 @@ from packit_sim.core.choices import Goal
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.parts.filling.candidates import in_order
+from packit_sim.parts.filling.evening import evened
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.search import PackingSearch
@@ -25,6 +26,9 @@ from packit_sim.parts.results.resuming import read_earlier
 
 _AFTER = 1.5
 """Seconds of the check and the exports, as a share of those of reading and preparing."""
+
+_EVENING = 0.15
+"""Share of the time to even layers, of those settings that ask for it."""
 
 _LEAST_SEARCH = 1 / 3
 """The share of the time that the search has at least, whatever the other steps take."""
@@ -125,7 +129,10 @@ def pack(
             first = replace(earlier, searches=earlier.searches + 1)
             better(first)
         progress("packing", 0, 0)
-        return in_order(PackingSearch(first, end, seed + first.searches - 1, better).run())
+        until = end - _EVENING * time if task.settings.even else end
+        found = in_order(PackingSearch(first, until, seed + first.searches - 1, better).run())
+        left = max(end - clock.perf_counter(), 0.0)
+        return evened(found, left, seed) if task.settings.even else found
 
     if out is None:
         return search()

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from packit_sim.parts.filling.balance import over_balance
 from packit_sim.parts.filling.groups import surplus
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
@@ -87,6 +88,8 @@ def _reasons(task: PackTask, packing: Packing) -> Mapping[int, str]:
         values = np.array([task.weights[one.type] for one in packing.placements])
         excess = limits.excess(np.ones(len(masses), bool), values)
         return {int(n): f"the box {faults[0]}" for n in excess}
+    if off := over_balance(task, packing):
+        return off
     if not task.constraints.is_empty:
         first = len(task.fixed)
         filtered = filter_packing(task.with_fixed(packing), task.constraints)

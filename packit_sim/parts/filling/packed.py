@@ -53,6 +53,8 @@ class PackedParts:
         The number and the reason of each part that constraints left out.
     searches : int
         How many searches, each from the best packing before it, led to this one.
+    changes : tuple of str
+        Notes on what changed after the search.
 
     Examples
     --------
@@ -74,6 +76,7 @@ class PackedParts:
     packings: tuple[Packing, ...] = ()
     rejected: tuple[tuple[int, str], ...] = ()
     searches: int = 1
+    changes: tuple[str, ...] = ()
 
     def part(self, placement: Placement) -> PreparedPart:
         """Return the part of a placement."""
@@ -96,7 +99,8 @@ class PackedParts:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Notes on how files were read, and on what is doubtful."""
-        return (*self.task.notes, *hollow_notes(self.contents, self.task.all_parts))
+        hollows = hollow_notes(self.contents, self.task.all_parts)
+        return (*self.task.notes, *hollows, *self.changes)
 
     @cached_property
     def contents(self) -> tuple[Packing, ...]:

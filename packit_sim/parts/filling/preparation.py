@@ -18,6 +18,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
 from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.rotation_sets import FIXED
+from packit_sim.parts.reading.box_lists import without_lists
 from packit_sim.parts.reading.boxes import Boxes, BoxType, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts
 from packit_sim.parts.reading.limits import Limits
@@ -63,7 +64,7 @@ def prepared_task(
     parts : sequence of Part, Path or str
         Parts, mesh files, folders, patterns of paths and manifests.
     box : str, BoxType, Container, or sequence of float, str, BoxType or Container
-        A box, or several.
+        A box, or several; a table (`box_lists`) has a box in each row.
     objective : str
         One of `GOALS`.
     progress : callable, optional
@@ -79,13 +80,14 @@ def prepared_task(
     ArgumentError
         If an argument is not possible, or no part can be read or fits.
     """
+    box, listed_limits = without_lists(box)
     box, published = without_names(box)
     unit: Unit = settings.unit or box_unit(box) or "mm"
     accuracy = None if settings.accuracy is None else settings.accuracy * factor(unit, "mm")
     settings = replace(settings, unit=unit, reading=replace(settings.reading, accuracy=accuracy))
     count = settings.boxes or (None if objective == "boxes" else 1)
     box, outlines = with_meshes(box, unit, settings.reading, count)
-    boxes = _limited(box_types(box, unit, count), settings.limits)
+    boxes = _limited(box_types(box, unit, count), settings.limits, listed_limits)
     check_objective(objective, boxes)
     check_margin(WallClearance.of(settings.wall_clearance), boxes, unit)
     progress("reading", 0, 0)
@@ -129,9 +131,9 @@ def prepared_task(
 
 
 def _limited(
-    boxes: Sequence[BoxType], limits: Limits | Mapping[str, Limits]
+    boxes: Sequence[BoxType], limits: Limits | Mapping[str, Limits], listed: Mapping[str, Limits]
 ) -> tuple[BoxType, ...]:
-    """Return boxes with the limits that they do not have themselves."""
+    """Return boxes with the limits that they do not have themselves, also of lists of boxes."""
     known = {"": limits} if isinstance(limits, Limits) else limits
     names = [box.name for box in boxes]
     if strange := [name for name in known if name and name not in names]:
@@ -139,8 +141,11 @@ def _limited(
             f"limits are for box {strange[0]!r}, which there is not: choose from {', '.join(names)}"
         )
     general = known.get("", Limits())
-    own = [box.limits.over(known.get(box.name, Limits())).over(general) for box in boxes]
-    return tuple(replace(box, limits=each) for box, each in zip(boxes, own, strict=True))
+    found = []
+    for box in boxes:
+        named = known.get(box.name, Limits()).over(listed.get(box.name, Limits()))
+        found.append(replace(box, limits=box.limits.over(named).over(general)))
+    return tuple(found)
 
 
 def _as_published(

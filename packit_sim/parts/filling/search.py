@@ -16,6 +16,7 @@ import numpy as np
 
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.motions import Motion
+from packit_sim.parts.filling.balance import centred, nest_balance
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.grouped_filling import GroupedFilling
 from packit_sim.parts.filling.packed import PackedParts
@@ -148,6 +149,7 @@ class PackingSearch:
             return None
         placements = shelved(self._task, self._allowed(box, counts), box.size)
         packing = self._task.packing(self._task.container(box), placements)
+        packing = centred(self._task, packing)
         return None if not placements or packing.problems() else packing
 
     def _is_best(self, packed: PackedParts, counts: Mapping[int, int]) -> bool:
@@ -335,7 +337,7 @@ class PackingSearch:
 
     def _lower(self, box: BoxType, counts: Mapping[int, int]) -> None:
         """Search for the least height of all parts, below the box's."""
-        if self._task.stretch != 1:
+        if self._task.stretch != 1 or box.limits.balance is not None:
             self._lower_by_steps(box, counts)
             return
         inner = self._inner(box)
@@ -364,7 +366,8 @@ class PackingSearch:
                     self._offer(self._candidate(self._in_boxes(packing, box)))
 
             seconds = self._left * _STEP_TIME
-            self._nest(inner, "knapsack", counts, seconds, better, self._earlier(box, 0))
+            start = self._earlier(box, 0)
+            self._nest(inner, "knapsack", counts, seconds, better, start, limits=box.limits)
             step = step if is_all else step / 2
 
     def _earlier(self, box: BoxType, number: int) -> Packing | None:
@@ -391,6 +394,7 @@ class PackingSearch:
         types = [task.types[n].changed(counts[n], value=task.weights[n]) for n in numbers]
         first = None if start is None else self._start(start, types, numbers)
         sums = limits.sums([task.parts[n].mass for n in numbers])
+        balance = nest_balance(task, limits, numbers, containers)
         stretched: StretchedTypes | None = None
         own, container = tuple(types), containers
         if task.stretch != 1:
@@ -398,6 +402,7 @@ class PackingSearch:
             stretched = StretchedTypes(types, task.stretch)
             own, container = stretched.types, stretched.container(containers)
             sums = stretched.limits(sums, [counts[n] for n in numbers])
+            balance = balance and stretched.balance(balance)
             if first is not None:
                 known = filter(None, map(stretched.stretched, first.placements))
                 first = Packing(own, container, tuple(known), 0.0, "knapsack")
@@ -427,6 +432,7 @@ class PackingSearch:
                 start=first,
                 stop=self._stopped,
                 limits=sums,
+                balance=balance,
             ),
         )
 

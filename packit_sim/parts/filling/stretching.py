@@ -13,6 +13,7 @@ import numpy as np
 
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import ROTATION_SLACK, Motion
+from packit_sim.parts.nesting.balance import Balance
 from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
@@ -89,6 +90,14 @@ class StretchedTypes:
         return own + [
             ([float(number == n) for number in self.numbers], float(demands[n])) for n in several
         ]
+
+    def balance(self, own: Balance) -> Balance:
+        """Return the same limit on where the centre of gravity is."""
+        centres = [
+            ((base @ own.centres[n]) * self._scale).tolist()
+            for n, base in zip(self.numbers, self._bases, strict=True)
+        ]
+        return Balance([own.weights[n] for n in self.numbers], centres, own.reach)
 
     def unstretched(self, one: Placement) -> Placement:
         """Return the placement of a type in real space."""

@@ -39,6 +39,7 @@ from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.files import ReadSettings, UnreadFile
 from packit_sim.parts.reading.limits import NO_LIMITS, Limits
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.powder import Powder
 from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
 from packit_sim.parts.reading.sizes import fits, too_large
 from packit_sim.parts.reading.units import check_unit
@@ -102,6 +103,11 @@ class PackSettings:
     groups : sequence of str
         Rules for the parts of each group: "together": all that are packed share a box; "kit": they
         are packed whole, into one box, or not at all; "apart": no box has parts of two groups.
+    powder : Powder, optional
+        The powder of the bed, of which the summary has how much a build takes.
+    even : bool
+        Whether parts move after the search, none above the highest one, until the packed area
+        varies less over the height.
 
     Raises
     ------
@@ -149,6 +155,8 @@ class PackSettings:
     limits: Limits | Mapping[str, Limits] = NO_LIMITS
     clearance_z: float | None = None
     groups: Sequence[str] = ()
+    powder: Powder | None = None
+    even: bool = False
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
@@ -239,8 +247,19 @@ class PackTask:
         check_margin(self.margin, self.boxes, self.unit)
         if any(box.limits.max_mass is not None for box in self.boxes):
             self._check_masses("limits on the mass in a box")
+        masses = [each.mass is None for each in self.parts]
+        if any(box.limits.balance is not None for box in self.boxes) and not all(masses):
+            self._check_masses("a balance by mass, since other parts have one,", "needs")
+        if self.settings.even and self.is_constrained:
+            raise ArgumentError(
+                "even is not possible with constraints, which parts that move break"
+            )
+        if self.settings.powder is not None:
+            self._check_masses("a powder", "needs")
         for box in self.boxes:
             self.constraints.check_container(box.container)
+            if self.settings.powder is not None and form_of(box.container) == "mesh":
+                raise ArgumentError(f"a powder needs a box or a cylinder, not {box.name!r}, a mesh")
         if self.settings.groups:
             self._check_groups()
 
@@ -356,12 +375,12 @@ class PackTask:
         is_small = volume <= box.container.volume * (1 + SUM_ROUNDING)
         return is_small and not limits and all(fits(each, box, self.margin) for each in parts)
 
-    def _check_masses(self, what: str) -> None:
+    def _check_masses(self, what: str, verb: str = "need") -> None:
         """Raise ArgumentError if something needs masses that are not known."""
         for each in self.parts:
             if each.mass is None:
                 raise ArgumentError(
-                    f"{what} need masses: part {each.part.name!r} has no mass or density"
+                    f"{what} {verb} masses: part {each.part.name!r} has no mass or density"
                 )
 
     def limits(self, packing: Packing) -> Limits:
@@ -372,6 +391,11 @@ class PackTask:
     def masses_in(self, packing: Packing) -> list[float | None]:
         """Return the grams of each part in a packing, without the fixed ones."""
         return [self.parts[one.type].mass for one in packing.placements]
+
+    @cached_property
+    def gravities(self) -> tuple[float, ...]:
+        """What one of each part weighs in a balance: grams, or volumes if no part has a mass."""
+        return tuple(each.volume if each.mass is None else each.mass for each in self.parts)
 
     @property
     def is_constrained(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.parts.nesting.balancing import balanced
 from packit_sim.parts.nesting.cell_filling import filled_cells, settle_all
 from packit_sim.parts.nesting.filling import (
     constructed,
@@ -19,6 +20,9 @@ from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
+
+_BALANCED = 0.5
+"""Probability that an attempt with a box that is off balance exchanges the places of two items."""
 
 _NO_EFFORT = 1e-9
 """Share of the search below which nothing was tried."""
@@ -35,6 +39,10 @@ class KnapsackSearch(NestSearch):
 
     Rebuilds gain more than exchanges if few large items fit in, and next to nothing if many small
     ones do. So their time, at most that of exchanges, follows from the gains of both so far.
+
+    Where the centre of gravity must be near the middle, items slide towards it after each change of
+    the box (`balanced`); if that is not enough, the search continues with the box as it is, from
+    which items exchange places, and what counts is the box without the items that are too much.
     """
 
     def __init__(self, task: SearchTask, seed: int) -> None:
@@ -62,11 +70,11 @@ class KnapsackSearch(NestSearch):
         poses = constructed(problem, self._task, sizes, self._rng, self._budget)
         if problem.by_cells:
             poses = self._settled_and_filled(problem, poses)
-        poses = self._within_limits(poses)
+        poses = self._within_limits(problem, poses)
         if self._task.limits.count:  # which need not run out: then the order by volume is better
             order = self._task.order_by(self._task.volumes)
             other = constructed(problem, self._task, sizes, self._rng, self._budget, order)
-            poses = max(poses, self._within_limits(other), key=self._value)
+            poses = max(poses, self._within_limits(problem, other), key=self._value)
         solution = self._solution(poses)
         is_late = self._budget is not None and self._budget.is_late
         self.is_cut = is_late and bool((self._fits & ~self._packed(poses)).any())
@@ -74,10 +82,18 @@ class KnapsackSearch(NestSearch):
         self._rebuilt = solution.poses
         return solution
 
-    def _within_limits(self, poses: Poses) -> Poses:
+    def _within_limits(self, problem: Problem, poses: Poses) -> Poses:
         """Take out items beyond the limits, which cells and packings to begin with do not know."""
         excess = self._task.limits.excess(self._packed(poses), self._task.values)
-        return poses.changed(excess, 0)
+        poses = balanced(problem, self._task, poses.changed(excess, 0), self._boxes)
+        return self._balanced(poses)
+
+    def _balanced(self, poses: Poses) -> Poses:
+        """Take out the items by which the centre of gravity is too far off."""
+        balance = self._task.balance
+        if balance is None:
+            return poses
+        return poses.changed(balance.excess(poses, self._task.values), 0)
 
     def _settled_and_filled(self, problem: Problem, poses: Poses) -> Poses:
         """Let items settle, which leaves space above them, and fill it, while that gains value."""
@@ -123,6 +139,7 @@ class KnapsackSearch(NestSearch):
             self._rebuilt = self.best.poses
         task, boxes, choices = self._task, self._boxes, self._choices
         poses = rebuilt(problem, task, self._rebuilt, boxes, choices, self._rng, self._budget)
+        poses = self._balanced(balanced(problem, task, poses, boxes))
         value = self._value(poses)
         if value > most:
             self._gains[1] += value - most
@@ -131,8 +148,14 @@ class KnapsackSearch(NestSearch):
             self._rebuilt = poses
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
+        task, balance = self._task, self._task.balance
+        is_off = balance is not None and not balance.is_kept(self._current)
+        if balance is not None and is_off and self._choices.random() < _BALANCED:
+            found = Separation(task, self._current, self._boxes, task.settings.exchange_patience)
+            found.swap(*balance.pair(self._current, self._choices))
+            return found
         poses = self._exchanged(problem)
-        return Separation(self._task, poses, self._boxes, self._task.settings.exchange_patience)
+        return Separation(task, poses, self._boxes, task.settings.exchange_patience)
 
     def _end(self, problem: Problem, best: Solution, attempt: Attempt, is_apart: bool) -> None:
         settings = self._task.settings
@@ -142,13 +165,15 @@ class KnapsackSearch(NestSearch):
         most = self._value(self._good)
         if self._value(poses) >= (1 - settings.max_refill_loss) * most:
             poses = self._filled(problem, poses)
-        value = self._value(poses)
+        poses = balanced(problem, self._task, poses, self._boxes)
+        kept = self._balanced(poses)
+        value = self._value(kept)
         self._failures += 1
         if value > most:
             self._gains[0] += max(0.0, value + best.score[0])
-            self._good, self._failures = poses, 0
-            self._offer(problem, self._solution(poses))
-        is_good = value >= (1 - settings.max_loss * self._choices.random()) * most
+            self._good, self._failures = kept, 0
+            self._offer(problem, self._solution(kept))
+        is_good = self._value(poses) >= (1 - settings.max_loss * self._choices.random()) * most
         self._current = poses if is_good else self._good
         if self._failures > settings.max_failures and not self._has_all:
             self._add_items(problem)
@@ -157,7 +182,7 @@ class KnapsackSearch(NestSearch):
         """Search for more items from now on, and put in those that fit."""
         super()._add_items(problem)
         self._failures = 0
-        self._good = self._filled(problem, self._good)
+        self._good = self._within_limits(problem, self._filled(problem, self._good))
         self._offer(problem, self._solution(self._good))
         if self._has_all and self.best is not None:
             self._good = self.best.poses

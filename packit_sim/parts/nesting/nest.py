@@ -19,6 +19,7 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import ROTATION_SLACK, Motion
 from packit_sim.geometry.shapes import Item
+from packit_sim.parts.nesting.balance import Balance
 from packit_sim.parts.nesting.bins import BinsSearch
 from packit_sim.parts.nesting.build import SLACK, count_fields
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
@@ -93,6 +94,8 @@ class NestSettings:
     limits : sequence of (sequence of float, float)
         For the objective "knapsack", limits on what the box holds, such as a mass: an amount for
         one of each item, and the largest sum of the amounts in the box.
+    balance : Balance, optional
+        For the objective "knapsack", a limit on where the centre of gravity in the box is.
     clock : str
         The clock of the time limit: "wall" time, or "processor" time of each search, which other
         work on the machine does not change.
@@ -119,6 +122,7 @@ class NestSettings:
     stop: threading.Event | None = None
     clock: ClockName = "wall"
     limits: Sequence[tuple[Sequence[float], float]] = ()
+    balance: Balance | None = None
 
 
 def nest(
@@ -225,6 +229,11 @@ def nest(
     kind = SEARCHES[objective] if has_fields else CellStripSearch
     task = _task(empty, containers, obstacles, settings.search)
     task.limits = _limits(settings.limits, empty)
+    if settings.balance is not None:
+        if objective != "knapsack":
+            raise ArgumentError(f"a balance is for the objective 'knapsack', not {objective!r}")
+        turns, own = problems.get().lookup.turns, task.numbers[: task.count]
+        task.balance = settings.balance.of_items(types, turns, own, task.size)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
     elif objective != "bins":

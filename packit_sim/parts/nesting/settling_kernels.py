@@ -1,12 +1,14 @@
-"""Kernels that lower or lift items by steps that the surfaces allow, and count conflicts.
+"""Kernels that lower, lift or slide items by steps that the surfaces allow, and count conflicts.
 
 Settling takes out the space that a grid of cells leaves: items go down by steps, straight or also
 aside, each of which `in_conflict` finds free at its end. A step may pass through others: a packing
 is what counts, not the way to it. Steps shrink until they gain nothing. Lifting
 puts items in again, the lowest first, at a free place near their own or above. Both are our own.
 
-Invariants: items that are free of conflicts stay so when they settle, and none gets higher; after
-a lift there is no conflict.
+Sliding moves items along one axis until their centre of gravity is where it is wanted.
+
+Invariants: items that are free of conflicts stay so when they settle or slide, and none gets higher
+when they settle; after a lift there is no conflict.
 """
 
 from __future__ import annotations
@@ -125,6 +127,58 @@ def lift(problem, state, boxes, order, first, tries, rng):
                     break
                 blocking = found
             up = max(first, STRIDE * up)
+
+
+@kernel
+def slide(problem, state, boxes, order, axis, weights, moment, farthest, last):
+    """Slide items along an axis, one after the other, by steps that are free.
+
+    Parameters
+    ----------
+    state : State
+        Poses of all items, without conflicts; changed.
+    boxes : ndarray
+        (b, 4) float64, the boxes (see `boxes_of`).
+    order : ndarray
+        (k,) int64, the items, those first that are farthest ahead.
+    axis : int
+        The axis.
+    weights : ndarray
+        (n,) float64, the weight of each item.
+    moment : float
+        The sum that is wanted of the items' ways, each times its weight; its sign is the direction.
+    farthest : float
+        The longest way of an item.
+    last : float
+        The step after which an item stays.
+    """
+    p = np.empty(3)
+    sign = 1.0 if moment > 0 else -1.0
+    wanted = abs(moment)
+    for i in order:
+        if weights[i] <= 0:
+            continue
+        a, o = state.types[i], state.turned[i]
+        place = state.places[i].copy()
+        start = place[axis]
+        left = min(wanted / weights[i], farthest)
+        step = left
+        blocking = -1
+        while step > last and left > 0:
+            p[:] = place
+            p[axis] += sign * min(step, left)
+            fits = clamp(problem.lookup, a, o, p, boxes)
+            way = sign * (p[axis] - place[axis])
+            found = _blocking(problem, state, i, o, p, blocking) if fits and way > 0 else i
+            if found < 0:
+                place[:] = p
+                left -= way
+            else:
+                blocking = -1 if found == i else found
+                step *= 0.5
+        if place[axis] != start:
+            wanted -= weights[i] * sign * (place[axis] - start)
+            put(problem.lookup, state, i, o, place)
 
 
 @inner_kernel

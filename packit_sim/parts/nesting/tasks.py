@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.parts.nesting.balance import ItemBalance
 from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.nesting.problem import State, state_of
 from packit_sim.parts.nesting.settings import SearchSettings
@@ -170,6 +171,8 @@ class SearchTask:
         Poses to begin with; items in conflict there are placed again.
     limits : ItemLimits
         Limits on what is in the box, of a knapsack.
+    balance : ItemBalance, optional
+        A limit on where its centre of gravity is.
     """
 
     numbers: Ints
@@ -180,6 +183,7 @@ class SearchTask:
     obstacles: Floats = field(default_factory=lambda: np.empty((0, 3)))
     start: Poses | None = None
     limits: ItemLimits = field(default_factory=ItemLimits)
+    balance: ItemBalance | None = None
 
     @property
     def size(self) -> tuple[float, float, float]:

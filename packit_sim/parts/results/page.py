@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from packit_sim.core import templates
 from packit_sim.core.files import replace_text
+from packit_sim.core.length_units import Unit
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
 from packit_sim.geometry.lattice import CELL
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.packings.container_files import form_of
+from packit_sim.parts.packings.layers import layers
 from packit_sim.parts.packings.outlines import outline
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.results.check import Check
@@ -24,6 +28,21 @@ def add_box(models: Models, contents: Packing) -> int:
     total = plain_sum(p.item.volume for p in state.placed)
     lines = outline(contents.container) * (max(state.cells) * CELL / contents.container.longest)
     return models.add(state.cells, state.placed, total, part_colors(contents), lines)
+
+
+def _plot(packing: Packing, unit: Unit) -> dict[str, Any]:
+    """Return the numbers of the plot of a box's layers: shares of its base, by height."""
+    found, container = layers(packing), packing.container
+    base = container.volume / container.size[2] if form_of(container) != "mesh" else 0.0
+    most = base or float(found.areas.max(initial=0.0)) or 1.0
+    return {
+        "shares": (found.areas / most).tolist(),
+        "counts": found.counts.tolist(),
+        "top": f"{packing.height:.5g} {unit}",
+        "base": f"{most:.6g} {unit}²",
+        "variation": f"{found.variation:.3f}",
+        "most": int(found.counts.max(initial=0)),
+    }
 
 
 def write_page(packed: PackedParts, found: Check | None, path: Path) -> Path:
@@ -51,6 +70,7 @@ def write_page(packed: PackedParts, found: Check | None, path: Path) -> Path:
             "name": packing.container.name,
             "model": add_box(models, contents),
             "count": len(packing.placements),
+            "layers": _plot(packing, packed.task.unit),
         }
         for packing, contents in zip(packed.packings, packed.contents, strict=True)
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import astuple
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +25,7 @@ from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.powder import Powder
 from packit_sim.parts.reading.prepared import PreparedPart
 
 
@@ -125,6 +127,8 @@ class RequestedBox(Struct, rename=lambda name: name.replace("_", " ")):
         The most grams in one.
     max_parts : int, optional
         The most parts in one.
+    balance : float, optional
+        How far the centre of gravity may be off the middle, in shares of the sides.
     """
 
     name: str
@@ -134,10 +138,11 @@ class RequestedBox(Struct, rename=lambda name: name.replace("_", " ")):
     outline: RequestedPart | None = None
     max_mass: float | None = None
     max_parts: int | None = None
+    balance: float | None = None
 
     def box(self, folder: Path, unit: Unit, copies: FileCopies) -> BoxType | MeshBox:
         """Return the box, with its mesh if it is one (see `RequestedPart.part`)."""
-        limits = Limits(self.max_mass, self.max_parts)
+        limits = Limits(self.max_mass, self.max_parts, self.balance)
         if self.form == "box":
             return BoxType(self.size, self.name, self.count, limits=limits)
         if self.form == "cylinder":
@@ -155,6 +160,10 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     ----------
     constraints : tuple of str
         Custom constraints, which can't be checked.
+    powder : Powder, optional
+        The powder of the bed.
+    even : bool
+        Whether layers were evened.
     """
 
     parts: tuple[RequestedPart, ...]
@@ -173,6 +182,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     separable: bool = False  # earlier versions did not record it
     clearance_z: float | None = None  # nor this
     groups: tuple[GroupRule, ...] = ()  # nor this
+    powder: Powder | None = None  # nor this
+    even: bool = False  # nor this
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
@@ -205,6 +216,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
             fixed=[each.part(folder, self.unit, copies) for each in self.fixed],
             workers=1,
             clearance_z=self.clearance_z,
+            powder=self.powder,
         )
         boxes = [each.box(folder, self.unit, copies) for each in self.boxes]
         packed = [each for each in self.parts if each.mesh is not None]
@@ -250,6 +262,8 @@ def request(
         settings.separable,
         settings.clearance_z,
         tuple(settings.groups),  # type: ignore[arg-type]
+        settings.powder,
+        settings.even,
     )
     built: dict[str, Any] = to_builtins(found)
     return built
@@ -259,7 +273,7 @@ def _requested_box(
     task: PackTask, box: BoxType, mesh: str | None, files: Mapping[str, str]
 ) -> RequestedBox:
     outline = None if mesh is None else _requested(task.outlines[box.name], mesh, files)
-    limits = (box.limits.max_mass, box.limits.max_parts)
+    limits = astuple(box.limits)
     return RequestedBox(box.name, box.size, box.count, form_of(box.container), outline, *limits)
 
 

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from packit_sim.core.length_units import UNITS_CM
+from packit_sim.core.sums import plain_sum
+from packit_sim.parts.filling.balance import off_middle
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.separability import linked_pairs, links_in_words
+from packit_sim.parts.reading.powder import Powder
 from packit_sim.parts.reading.sizes import container_text
 from packit_sim.parts.results.check import Check
 
@@ -38,10 +42,15 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         stretched = f", with z times {task.stretch:.4g}" if task.stretch != 1 else ""
         texts["smallest distance"] = f"{found.distance:.4g} {unit}{stretched}"
     texts["mass"] = "unknown" if packed.mass is None else f"{packed.mass:.5g} g"
-    limits = [task.limits(each).text(task.masses_in(each)) for each in packed.packings]
+    limits = [
+        task.limits(each).text(task.masses_in(each), off_middle(task, each).tolist())
+        for each in packed.packings
+    ]
     if any(limits):
         numbered = [f"box {n}: {text}" for n, text in enumerate(limits, start=1) if text]
         texts["limits"] = limits[0] if len(limits) == 1 else "; ".join(numbered)
+    if task.settings.powder is not None:
+        texts["powder"] = _powder(packed, task.settings.powder)
     by = "mass" if packed.mass is not None else "volume"
     for number, packing in enumerate(packed.packings, start=1):
         name = "centre of gravity" if len(boxes) == 1 else f"centre, box {number}"
@@ -53,6 +62,14 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         count = f"{len(found.problems)} problem{'s' * (len(found.problems) > 1)}"
         texts["check"] = count if found.problems else f"no problems ({found.how})"
     return texts
+
+
+def _powder(packed: PackedParts, powder: Powder) -> str:
+    """Return how much powder the builds of all boxes take."""
+    cm3 = UNITS_CM[packed.task.unit] ** 3
+    boxes = ((each, each.container) for each in packed.packings)
+    bed = plain_sum(each.height * box.volume / box.size[2] for each, box in boxes)
+    return powder.text(bed * cm3, packed.volume * cm3, packed.mass or 0.0)
 
 
 def _linked(packed: PackedParts) -> str:

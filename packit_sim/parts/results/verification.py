@@ -20,6 +20,7 @@ from packit_sim.core.errors import MeshError, PackFormatError, PackItError, loca
 from packit_sim.core.files import digest_of
 from packit_sim.core.plain_text import listed
 from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.filling.balance import balance_fault, off_middle
 from packit_sim.parts.filling.groups import group_faults
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
@@ -216,8 +217,10 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     checked = check(packed)
     found += checked.problems
     for number, packing in enumerate(packings, start=1):
-        broken = task.limits(packing).faults(task.masses_in(packing))
-        found += [f"box {number} {fault}" for fault in broken]
+        limits = task.limits(packing)
+        found += [f"box {number} {fault}" for fault in limits.faults(task.masses_in(packing))]
+        if fault := balance_fault(limits, off_middle(task, packing)):
+            found.append(f"box {number}: {fault}")
     found += _groups(record)
     constraints = replace(task.constraints, stable=None)
     if not constraints.is_empty:
