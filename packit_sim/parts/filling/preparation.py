@@ -18,6 +18,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
 from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.rotation_sets import FIXED
+from packit_sim.parts.packings.turning import ANY_TURN
 from packit_sim.parts.reading.boxes import Boxes, BoxType, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts
 from packit_sim.parts.reading.limits import Limits
@@ -195,7 +196,7 @@ def _in_place(
     if not sources:
         return ()
     try:
-        reading = replace(settings.reading, split=False, rotations=FIXED)
+        reading = replace(settings.reading, split=False, rotations=FIXED, turning=ANY_TURN)
         found = find_parts(sources, reading)
     except ArgumentError as error:
         raise ArgumentError(f"{name}: {error}") from None
@@ -205,7 +206,7 @@ def _in_place(
     for each in found.parts:
         if each.count > 1:
             raise ArgumentError(f"{name}: part {each.name!r} has one place, not {each.count}")
-    parts = [replace(each, rotations=FIXED) for each in found.parts]
+    parts = [replace(each, rotations=FIXED, turning=ANY_TURN) for each in found.parts]
     return tuple(prepare(each, unit, settings.accuracy) for each in parts)
 
 
