@@ -15,6 +15,7 @@ from packit_sim.core.parallel import Threads
 from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.core.sums import plain_sum
+from packit_sim.parts.filling.free_turns import with_free_turns
 from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
 from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.rotation_sets import FIXED
@@ -122,7 +123,7 @@ def prepared_task(
         inputs=reading.inputs,
         outlines=outlines,
     )
-    task = _without_tiny(task)
+    task = _without_tiny(with_free_turns(task))
     _require_fit(task)
     note = unit_note(box)
     notes = [*reading.notes, *([note] if note else []), *limit_notes, *_notes(task)]

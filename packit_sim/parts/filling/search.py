@@ -18,6 +18,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.grouped_filling import GroupedFilling
+from packit_sim.parts.filling.lattices import latticed
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.shelves import shelved
 from packit_sim.parts.filling.stretching import StretchedTypes
@@ -41,6 +42,9 @@ _SECONDS = 0.05, 1e6
 
 _REPEATS = 4
 """Searches for a box, if their iterations are limited, while constraints leave parts out."""
+
+_LATTICE_TIME = 0.3
+"""Share of the time for a box in which lattices are put into it, at most."""
 
 _STEPS = 0.08, 0.005
 """Shares by which a height is lowered at a time, at first and at last."""
@@ -291,18 +295,23 @@ class PackingSearch:
         most = Counter[int]()
         total = sum(counts.values()) + sum(len(each.placements) for each in full)
 
-        def better(packing: Packing) -> None:
+        def consider(packing: Packing) -> None:
             nonlocal best, most
-            if packing.placements:
-                own = Counter(one.type for one in packing.placements)
-                most = max(most, own, key=Counter.total)
-                found = self._candidate([*full, *self._in_boxes(packing, box)])
-                if best is None or found.score > best.score:
-                    best = found
-                self._offer(found)
+            own = Counter(one.type for one in packing.placements)
+            most = max(most, own, key=Counter.total)
+            found = self._candidate([*full, packing])
+            if best is None or found.score > best.score:
+                best = found
+            self._offer(found)
+
+        def better(packing: Packing) -> None:
+            for each in self._in_boxes(packing, box):
+                consider(each)
 
         end = clock.perf_counter() + seconds
         start = start or self._earlier(box, len(full))
+        if start is None and (start := self._latticed(box, counts, seconds)):
+            consider(start)
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
             seed = self._seed + _NEXT_SEED * number
@@ -317,6 +326,14 @@ class PackingSearch:
         if best is None or len(best.packings) <= len(full):
             return None, most
         return best.packings[-1], most
+
+    def _latticed(self, box: BoxType, counts: Mapping[int, int], seconds: float) -> Packing | None:
+        """Fill a box that is not empty or no box with lattices, in a share of the time."""
+        if not self._bodies(box):
+            return None
+        end = clock.perf_counter() + _LATTICE_TIME * seconds
+        own = self._allowed(box, counts)
+        return latticed(self._task, box, own, self._bodies(box), lambda: clock.perf_counter() > end)
 
     def _fill_together(self, counts: Mapping[int, int]) -> None:
         """Search for the fewest boxes, of one size or of several that there are enough of."""
