@@ -13,8 +13,10 @@ are checked by separating axes, which share nothing with PackIt-Sim. Writes
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations, product
 from pathlib import Path
@@ -28,10 +30,16 @@ from trimesh import creation
 from benchmarks.common import (
     PICTURES,
     argument_parser,
+    machine,
+    markdown_table,
+    write_into_page,
+    write_json,
 )
 from packit_sim import ItemType, MeshContainer, PackedParts, PackSettings, Part, pack
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts import check
+from packit_sim.parts.results.pictures import draw
 
 FILE = "litres.json"
 
@@ -48,6 +56,9 @@ SECTIONS = 48
 
 SETS = ("cube", "free")
 """Sets of rotations."""
+
+PICTURED = "estate"
+"""The trunk of which a packing is drawn."""
 
 
 @dataclass(frozen=True)
@@ -119,18 +130,15 @@ def _trunk(
 ) -> Trunk:
     """Return a trunk by its outline in x and z; its sides lean inwards to the top."""
     top = max(z for _, z in side)
-    corners = tuple((x, abs(y - lean * z / top), z) for x, z in side for y in (0.0, width))
-    corners = tuple(
-        (x, lean * z / top if n % 2 == 0 else width - lean * z / top, z)
-        for n, (x, _, z) in enumerate(corners)
-    )
+    leans = [(x, lean * z / top, z) for x, z in side]
+    corners = [(x, y, z) for x, inwards, z in leans for y in (inwards, width - inwards)]
     arches = tuple(Arch(wheel, -61, 286, *ends) for ends in ((-50, 137), (width - 137, width + 50)))
-    return Trunk(name, corners, arches)
+    return Trunk(name, tuple(corners), arches)
 
 
-def grid_count(trunk: Trunk) -> tuple[int, tuple[float, ...]]:
-    """Return the most bricks of one lattice, and their sides along x, y and z."""
-    best: tuple[int, tuple[float, ...]] = (0, BRICK)
+def grid_count(trunk: Trunk) -> int:
+    """Return the most bricks of one lattice, of all orientations and offsets."""
+    best = 0
     low, high = np.min(trunk.corners, axis=0), np.max(trunk.corners, axis=0)
     for sides in permutations(BRICK):
         axes = [np.arange(a, b - s + 1e-9, STEP) for a, b, s in zip(low, high, sides, strict=True)]
@@ -141,7 +149,7 @@ def grid_count(trunk: Trunk) -> tuple[int, tuple[float, ...]]:
         padded[tuple(map(slice, is_inside.shape))] = is_inside
         split = [n for whole, s in zip(wide, steps, strict=True) for n in (whole // s, s)]
         counts = padded.reshape(split).sum(axis=(0, 2, 4))
-        best = max(best, (int(counts.max()), sides))
+        best = max(best, int(counts.max()))
     return best
 
 
@@ -202,42 +210,72 @@ def packed_trunk(trunk: Trunk, rotations: str, seconds: float, workers: int) -> 
     mesh = trunk.mesh
     shell = ItemType(trunk.name, mesh.vertices, mesh.faces)
     bricks = Part("brick", creation.box(BRICK), 10_000, rotations=rotations, as_many_as_fit=True)
+    container = MeshContainer(shell, name=trunk.name)
     settings = PackSettings(workers=workers)
-    return pack(
-        [bricks], MeshContainer(shell, name=trunk.name), "count", seconds, 0, None, None, settings
-    )
+    return pack([bricks], container, "count", seconds, settings=settings)
 
 
-def measured(
-    trunk: Trunk, rotations: str, seconds: float, workers: int, out: Path
-) -> dict[str, Any]:
-    """Pack a trunk, check it, and write a picture of it."""
+def measured(trunk: Trunk, rotations: str, seconds: float, workers: int) -> dict[str, Any]:
+    """Pack a trunk and check it; of the last trunk, also draw the packing."""
+    spent = time.process_time()
     packed = packed_trunk(trunk, rotations, seconds, workers)
-    poses = [packed.pose(one) for one in packed.packings[0].placements]
+    spent = time.process_time() - spent
     low = np.min(trunk.corners, axis=0)
-    inside = [np.vstack((np.column_stack((p[:3, :3], p[:3, 3] + low)), p[3])) for p in poses]
+    poses = [packed.pose(one) for one in packed.packings[0].placements]
+    if trunk.name == PICTURED and rotations == SETS[-1]:
+        draw(packed.packings[0], PICTURES / "benchmark-litres.png")
     return {
         "trunk": trunk.name,
+        "volume": trunk.mesh.volume / 1e6,
         "rotations": rotations,
         "litres": packed.count,
-        "deepest": round(deepest(trunk, inside), 4),
+        "turned": sum(not np.isin(np.abs(p[:3, :3]).round(6), (0, 1)).all() for p in poses),
+        "deepest": round(deepest(trunk, [Motion.shift(low).matrix @ pose for pose in poses]), 4),
         "problems": len(check(packed).problems),
+        "processor seconds": round(spent, 1),
     }
+
+
+def table(content: Mapping[str, Any]) -> str:
+    """Return the table of the page."""
+    rows = []
+    found = {(each["trunk"], each["rotations"]): each for each in content["results"]}
+    for name, grid in content["grids"].items():
+        own = [found[name, rotations] for rotations in SETS]
+        shares = [f"{each['litres']} ({100 * each['litres'] / grid:.1f}%)" for each in own]
+        rows.append(
+            (
+                name,
+                f"{own[0]['volume']:.0f}",
+                grid,
+                *shares,
+                own[-1]["turned"],
+                f"{max(each['deepest'] for each in own):.2f} mm",
+                sum(each["problems"] for each in own),
+            )
+        )
+    head = ("trunk", "volume in litres", "grid", "24 rotations", "free", "bricks at other angles")
+    return markdown_table((*head, "deepest overlap", "problems"), rows)
 
 
 def main() -> None:
     parser = argument_parser(__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each packing")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--table", action="store_true", help="only write the table")
     arguments = parser.parse_args()
-    for trunk in trunks():
-        print(trunk.name, trunk.mesh.volume / 1e6, grid_count(trunk), flush=True)
-        for rotations in SETS:
-            print(
-                measured(trunk, rotations, arguments.seconds, arguments.workers, PICTURES),
-                flush=True,
-            )
+    file = arguments.out / FILE
+    content = json.loads(file.read_text()) if file.exists() else {"results": []}
+    done = {(each["trunk"], each["rotations"]) for each in content["results"]}
+    for trunk, rotations in () if arguments.table else product(trunks(), SETS):
+        if (trunk.name, rotations) not in done:
+            found = measured(trunk, rotations, arguments.seconds, arguments.workers)
+            print(found, flush=True)
+            content["results"].append(found)
+            content["grids"] = {each.name: grid_count(each) for each in trunks()}
+            about = {"seconds": arguments.seconds, "workers": arguments.workers}
+            write_json(file, {**machine(), **content, **about})
+    write_into_page(PAGE, table(content), "litres")
 
 
 if __name__ == "__main__":

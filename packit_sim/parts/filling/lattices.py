@@ -57,6 +57,7 @@ class _Lattice:
     offset: Floats
     count: int
     value: float
+    wall: int | None = None
 
 
 def latticed(
@@ -116,8 +117,9 @@ class _LatticeFilling:
         is_over: Callable[[], bool],
     ) -> None:
         self._task, self._counts, self._is_over = task, dict(counts), is_over
-        self._size, self._frames = size, frames
-        self._blocks = [self._blocks_in(frame) for frame in frames]
+        self._size, own = size, [(frame, self._blocks_in(frame)) for frame in frames]
+        self._frames = [frame for frame, blocks in own if blocks]
+        self._blocks = [blocks for _, blocks in own if blocks]
         sides = [block.sides for own in self._blocks for block in own]
         shortest = min((float(each.min()) for each in sides), default=1.0)
         self._gaps = task.largest_gap * np.array((1.0, 1.0, 1 / task.stretch))
@@ -135,9 +137,10 @@ class _LatticeFilling:
         for space in empty:
             for body in self._bodies:
                 space.block(body.vertices[body.faces], grow)
-        first = self._lattices(empty, self._counts)
+        first = sorted(self._lattices(empty, self._counts), key=lambda each: -each.value)
+        layers = [replace(each, wall=wall) for each in first if each.frame for wall in range(6)]
         best: tuple[float, tuple[Placement, ...]] = (0.0, ())
-        for lattice in sorted(first, key=lambda each: -each.value):
+        for lattice in (*first[:1], *layers, *first[1:]):
             found = self._filled([each.copy() for each in empty], lattice)
             worth = sum(self._task.weights[one.type] for one in found)
             best = max(best, (worth, tuple(found)), key=lambda each: each[0])
@@ -163,15 +166,19 @@ class _LatticeFilling:
                 found.append(_Block(n, turn, low, sides, self._task.weights[n]))
         return found
 
+    def _pitch(self, frame: int) -> Floats:
+        """Return the gaps (3,) between blocks in a frame, where z may not be upright."""
+        is_upright = np.array_equal(self._frames[frame], np.eye(3))
+        return self._gaps if is_upright else np.full(3, self._gaps.max())
+
     def _lattices(self, spaces: Sequence[_Space], left: Mapping[int, int]) -> list[_Lattice]:
         """Return the best offset of the lattice of each block."""
         found = []
         for number, (space, blocks) in enumerate(zip(spaces, self._blocks, strict=True)):
-            gaps = self._gaps if number == 0 else np.full(3, self._gaps.max())
             for block in blocks:
                 if left[block.type] == 0 or self._is_over():
                     continue
-                offset, count = space.best_offset(block.sides, block.sides + gaps)
+                offset, count = space.best_offset(block.sides, block.sides + self._pitch(number))
                 count = min(count, left[block.type])
                 if count:
                     value = count * block.value
@@ -183,17 +190,21 @@ class _LatticeFilling:
         left, found = dict(self._counts), []
         while lattice is not None:
             block, frame = lattice.block, self._frames[lattice.frame]
-            gaps = self._gaps if lattice.frame == 0 else np.full(3, self._gaps.max())
+            pitches = block.sides + self._pitch(lattice.frame)
             own = self._task.parts[block.type].item_type
-            places = spaces[lattice.frame].free(block.sides, block.sides + gaps, lattice.offset)
-            for place in places[: lattice.count]:
-                pose = Motion(block.turn, frame @ (place - block.low))
-                found.append(Placement(block.type, pose))
-                middle = pose.apply(own.vertices).mean(axis=0)
-                vertices = middle + (pose.apply(own.vertices) - middle) * (1 - 2 * _SLACK)
-                for space in spaces:
-                    space.block(vertices[own.faces], float(self._gaps.max()))
-            left[block.type] -= lattice.count
+            places = spaces[lattice.frame].free(block.sides, pitches, lattice.offset)
+            if lattice.wall is not None and len(places):
+                far = places[:, lattice.wall % 3] * (1 if lattice.wall < 3 else -1)
+                places = places[far > far.max() - self._voxel]
+            places = places[: lattice.count]
+            poses = [Motion(block.turn, frame @ (place - block.low)) for place in places]
+            found += [Placement(block.type, pose) for pose in poses]
+            middle = own.vertices.mean(axis=0)
+            vertices = middle + (own.vertices - middle) * (1 - 2 * _SLACK)
+            triangles = np.concatenate([pose.apply(vertices)[own.faces] for pose in poses])
+            for space in spaces:
+                space.block(triangles, float(self._gaps.max()))
+            left[block.type] -= len(places)
             others = self._lattices(spaces, left)
             lattice = max(others, key=lambda each: each.value, default=None)
         return found
