@@ -1,8 +1,8 @@
 """Lattices of equal blocks in containers that are no boxes: a packing to begin with.
 
 Blocks are parts that nearly fill their bounding boxes. One lattice after the other is put into the
-space that is left, each time the one of most value, in the frame of the container and in frames
-that are flush with its slanted walls. Voxels only propose: the packing is checked by the meshes.
+space that is left, each time the one of most value: in the frame of the container, and then also in
+frames flush with its slanted walls. Voxels only propose: the packing is checked by the meshes.
 """
 
 from __future__ import annotations
@@ -57,7 +57,6 @@ class _Lattice:
     offset: Floats
     count: int
     value: float
-    wall: int | None = None
 
 
 def latticed(
@@ -132,21 +131,34 @@ class _LatticeFilling:
         types = {block.type for own in self._blocks for block in own}
         if not 0 < len(types) <= MOST_TYPES:
             return ()
-        empty = [_Space(self._size, frame, self._voxel) for frame in self._frames]
         grow = float(self._gaps.max())
+        empty = [_Space(self._size, frame, self._voxel) for frame in self._frames]
         for space in empty:
             for body in self._bodies:
                 space.block(body.vertices[body.faces], grow)
-        first = sorted(self._lattices(empty, self._counts), key=lambda each: -each.value)
-        layers = [replace(each, wall=wall) for each in first if each.frame for wall in range(6)]
-        best: tuple[float, tuple[Placement, ...]] = (0.0, ())
-        for lattice in (*first[:1], *layers, *first[1:]):
-            found = self._filled([each.copy() for each in empty], lattice)
-            worth = sum(self._task.weights[one.type] for one in found)
-            best = max(best, (worth, tuple(found)), key=lambda each: each[0])
+        best = self._best(empty[:1], ())
+        if len(empty) > 1 and not self._is_over():
+            rest = [each.copy() for each in empty]
+            for space in rest:
+                space.block(self._triangles(best), grow)
+            best = self._filled(rest, best)
+            best = self._best(empty, best)
+        return tuple(best)
+
+    def _best(self, empty: Sequence[_Space], best: Sequence[Placement]) -> Sequence[Placement]:
+        """Return the most valuable filling that begins with one lattice, or one that is better."""
+        lattices = self._lattices(empty, self._counts)
+        if len(empty) > 1:
+            lattices = [each for each in lattices if each.frame > 0]
+        for lattice in sorted(lattices, key=lambda each: -each.value):
+            found = self._filled([each.copy() for each in empty], (), lattice)
+            best = max(best, found, key=self._worth)
             if self._is_over():
                 break
-        return best[1]
+        return best
+
+    def _worth(self, placements: Sequence[Placement]) -> float:
+        return sum(self._task.weights[one.type] for one in placements)
 
     def _blocks_in(self, frame: Floats) -> list[_Block]:
         """Return the blocks of all parts, one of those that are equal but for a symmetry."""
@@ -174,7 +186,7 @@ class _LatticeFilling:
     def _lattices(self, spaces: Sequence[_Space], left: Mapping[int, int]) -> list[_Lattice]:
         """Return the best offset of the lattice of each block."""
         found = []
-        for number, (space, blocks) in enumerate(zip(spaces, self._blocks, strict=True)):
+        for number, (space, blocks) in enumerate(zip(spaces, self._blocks, strict=False)):
             for block in blocks:
                 if left[block.type] == 0 or self._is_over():
                     continue
@@ -185,29 +197,44 @@ class _LatticeFilling:
                     found.append(_Lattice(number, block, offset, count, value))
         return found
 
-    def _filled(self, spaces: Sequence[_Space], lattice: _Lattice | None) -> list[Placement]:
+    def _filled(
+        self,
+        spaces: Sequence[_Space],
+        first: Sequence[Placement],
+        lattice: _Lattice | None = None,
+    ) -> list[Placement]:
         """Put one lattice after the other into what is left, beginning with a given one."""
-        left, found = dict(self._counts), []
-        while lattice is not None:
+        found, left = list(first), dict(self._counts)
+        for one in first:
+            left[one.type] -= 1
+        while True:
+            if lattice is None:
+                others = self._lattices(spaces, left)
+                lattice = max(others, key=lambda each: each.value, default=None)
+            if lattice is None:
+                return found
             block, frame = lattice.block, self._frames[lattice.frame]
             pitches = block.sides + self._pitch(lattice.frame)
-            own = self._task.parts[block.type].item_type
             places = spaces[lattice.frame].free(block.sides, pitches, lattice.offset)
-            if lattice.wall is not None and len(places):
-                far = places[:, lattice.wall % 3] * (1 if lattice.wall < 3 else -1)
-                places = places[far > far.max() - self._voxel]
-            places = places[: lattice.count]
-            poses = [Motion(block.turn, frame @ (place - block.low)) for place in places]
-            found += [Placement(block.type, pose) for pose in poses]
-            middle = own.vertices.mean(axis=0)
-            vertices = middle + (own.vertices - middle) * (1 - 2 * _SLACK)
-            triangles = np.concatenate([pose.apply(vertices)[own.faces] for pose in poses])
+            poses = [
+                Motion(block.turn, frame @ (place - block.low)) for place in places[: lattice.count]
+            ]
+            more = [Placement(block.type, pose) for pose in poses]
             for space in spaces:
-                space.block(triangles, float(self._gaps.max()))
-            left[block.type] -= len(places)
-            others = self._lattices(spaces, left)
-            lattice = max(others, key=lambda each: each.value, default=None)
-        return found
+                space.block(self._triangles(more), float(self._gaps.max()))
+            found += more
+            left[block.type] -= len(more)
+            lattice = None
+
+    def _triangles(self, placements: Sequence[Placement]) -> Floats:
+        """Return the triangles (n, 3, 3) of parts that are a little smaller, to block voxels."""
+        found = []
+        for one in placements:
+            own = self._task.parts[one.type].item_type
+            middle = own.middle
+            vertices = middle + (own.vertices - middle) * (1 - 2 * _SLACK)
+            found.append(one.apply(vertices)[own.faces])
+        return np.concatenate(found) if found else np.empty((0, 3, 3))
 
 
 class _Space:
@@ -241,6 +268,8 @@ class _Space:
 
     def block(self, triangles: Floats, grow: float) -> None:
         """Block the voxels that a body touches or encloses, grown by a length."""
+        if not len(triangles):
+            return
         low, voxels = placed_voxels(triangles @ self._frame - self._low, self._voxel, grow)
         start = np.maximum(low, 0)
         end = np.minimum(low + voxels.shape, self._blocked.shape)
