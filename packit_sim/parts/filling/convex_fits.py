@@ -109,11 +109,13 @@ class ConvexSpace:
         for each in tried[:REFINED]:
             if is_over():
                 break
-            found = self._refined(corners, each, is_over)
+            found = self.refined(corners, each, is_over)
             best = found if found.scale > best.scale else best
         return best
 
-    def _refined(self, corners: Floats, best: Fitted, is_over: Callable[[], bool]) -> Fitted:
+    def refined(
+        self, corners: Floats, best: Fitted, is_over: Callable[[], bool] = lambda: False
+    ) -> Fitted:
         """Turn a body by small steps as long as its scale grows."""
         trust = _TRUST[0]
         for _ in range(STEPS):

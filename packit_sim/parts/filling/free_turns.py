@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.filling.convex_fits import convex_space, corners_of
+from packit_sim.parts.filling.convex_fits import REFINED, convex_space, corners_of
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.nesting.search_frames import search_frame, searched_rotations
 from packit_sim.parts.packings.containers import Container
@@ -32,7 +32,7 @@ MOST_TRIED = 60
 ANGLES = np.radians(np.arange(3.0, 90.0, 3.0))
 """Angles between quarter turns that are tried about each axis."""
 
-RANDOM = 40
+RANDOM = 30
 """Random rotations to begin with, where no turn about one axis is enough."""
 
 _SAME = 1e-6
@@ -122,7 +122,15 @@ def _diagonal(part: PreparedPart, container: Container, task: PackTask) -> Float
                 break
     if not found:
         random = Rotation.random(RANDOM, np.random.default_rng(0)).as_matrix()
-        best = space.best(corners, np.concatenate((usual, random)), lambda: False).rotation
-        halves = np.array([np.eye(3), *(2 * np.diag(axis) - np.eye(3) for axis in np.eye(3))])
-        found = [each for each in halves @ best if space.largest(corners, each).scale >= 1]
+        starts = np.concatenate((usual, random))
+        starts = starts[own.turning.allows(starts)]
+        tried = sorted((space.largest(corners, turn) for turn in starts), key=lambda f: -f.scale)
+        for each in tried[:REFINED]:
+            best = space.refined(corners, each)
+            if best.scale >= 1:
+                halves = 2 * np.array([np.diag(axis) for axis in np.eye(3)]) - np.eye(3)
+                others = halves @ best.rotation
+                found = [turn for turn in others if space.largest(corners, turn).scale >= 1]
+                found.append(best.rotation)
+                break
     return np.array(found).reshape(-1, 3, 3)

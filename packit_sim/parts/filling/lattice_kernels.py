@@ -48,7 +48,9 @@ def lattice_counts(sums, voxel, size, sides, pitches, steps, slack):
                     while low + sides[axis] <= size[axis] + slack:
                         first[axis, number[axis]] = max(np.int64((low + slack) / voxel), 0)
                         high = np.int64(np.ceil((low + sides[axis] - slack) / voxel))
-                        last[axis, number[axis]] = min(high, sums.shape[axis] - 1)
+                        if high > sums.shape[axis] - 1:
+                            high = np.int64(sums.shape[axis] - 1)
+                        last[axis, number[axis]] = high
                         number[axis] += 1
                         low += pitches[axis]
                 count = np.int64(0)

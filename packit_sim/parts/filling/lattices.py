@@ -135,7 +135,7 @@ class _LatticeFilling:
         empty = [_Space(self._size, frame, self._voxel) for frame in self._frames]
         for space in empty:
             for body in self._bodies:
-                space.block(body.vertices[body.faces], grow)
+                space.block_body(body.vertices[body.faces], grow)
         best = self._best(empty[:1], ())
         if len(empty) > 1 and not self._is_over():
             rest = [each.copy() for each in empty]
@@ -265,6 +265,20 @@ class _Space:
             middle = row @ self._low + row[0] * x + row[1] * y + row[2] * z
             reach = (0.5 - _SLACK) * self._voxel * np.abs(row).sum()
             self._blocked |= (middle < reach) | (middle > side - reach)
+
+    def block_body(self, triangles: Floats, grow: float) -> None:
+        """Block the voxels of a body but for those that it only touches from one side.
+
+        Those are free if the body moves a little away from them, one way or the opposite one.
+        """
+        masks = []
+        for shift in (_SLACK * self._voxel, -_SLACK * self._voxel):
+            moved = self.copy()
+            moved._blocked[:] = False
+            moved.block(triangles + self._frame @ np.full(3, shift), grow)
+            masks.append(moved._blocked)
+        self._blocked |= masks[0] & masks[1]
+        self._sums = None
 
     def block(self, triangles: Floats, grow: float) -> None:
         """Block the voxels that a body touches or encloses, grown by a length."""

@@ -312,6 +312,8 @@ class PackingSearch:
         start = start or self._earlier(box, len(full))
         if start is None and (start := self._latticed(box, counts, seconds)):
             consider(start)
+            if most.total() == sum(counts.values()) and best is not None and best.count == total:
+                return start, most
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
             seed = self._seed + _NEXT_SEED * number
