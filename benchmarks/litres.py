@@ -170,12 +170,17 @@ def _inside(trunk: Trunk, axes: Sequence[Floats], sides: Floats) -> Any:
 
 
 def deepest(trunk: Trunk, poses: Sequence[Floats]) -> float:
-    """Return how deep a brick reaches into another, a wall or an arch, in mm; at least 0.
+    """Measure how deep a brick reaches into another, a wall or an arch.
 
     Parameters
     ----------
     poses : sequence of ndarray of float64, shape (4, 4)
         From a brick around the origin to the trunk.
+
+    Returns
+    -------
+    float
+        The largest depth in mm; 0 if there is none.
     """
     corners = np.array(list(product(*((-s / 2, s / 2) for s in BRICK))))
     bricks = [(pose[:3, :3].T, corners @ pose[:3, :3].T + pose[:3, 3]) for pose in poses]

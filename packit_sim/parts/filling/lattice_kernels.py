@@ -46,7 +46,7 @@ def lattice_counts(sums, voxel, size, sides, pitches, steps, slack):
                     low = pitches[axis] * n / steps[axis]
                     number[axis] = 0
                     while low + sides[axis] <= size[axis] + slack:
-                        first[axis, number[axis]] = max(np.int64((low + slack) / voxel), 0)
+                        first[axis, number[axis]] = np.int64((low + slack) / voxel)
                         high = np.int64(np.ceil((low + sides[axis] - slack) / voxel))
                         if high > sums.shape[axis] - 1:
                             high = np.int64(sums.shape[axis] - 1)
