@@ -51,6 +51,7 @@ from .parts.packings.distances import WallClearance as WallClearance
 from .parts.packings.item_types import ItemType as ItemType
 from .parts.packings.mesh_containers import MeshContainer as MeshContainer
 from .parts.packings.packing import Packing as Packing
+from .parts.packings.turning import Turning as Turning
 from .parts.reading.boxes import BoxType as BoxType
 from .parts.reading.limits import Limits as Limits
 from .parts.reading.part import Part as Part

@@ -18,6 +18,7 @@ from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.packings.turning import Turning
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results.check import check
@@ -118,8 +119,8 @@ def _inches() -> Any:
     """Parts of files in millimetres with x up, at any rotation, beside a fixed part."""
     shelf = Part("shelf", trimesh.creation.box(bounds=[(8, 0, 0), (10, 6, 1)]), unit="in")
     parts = [
-        Part("wedge", _wedge(50), 3, rotations="free", up="x"),
-        Part("bar", _block(100, 20, 10), rotations="cube", up="y", mass=12.0),
+        Part("wedge", _wedge(50), 3, rotations="free", up="x", turning=Turning(max_tilt=20)),
+        Part("bar", _block(100, 20, 10), up="y", mass=12.0, turning=Turning(down=("z-", "z+"))),
     ]
     c, s = np.cos(0.5), np.sin(0.5)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])

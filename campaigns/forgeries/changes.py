@@ -324,7 +324,14 @@ def volume(record: Record, folder: Path, rng: Random) -> None:
 
 
 def rotations(record: Record, folder: Path, rng: Random) -> None:
-    _part(record, rng)["rotations"] = rng.choice(("fixed", "yaw-4", "cube", "free", "yaw-0", "all"))
+    part = _part(record, rng)
+    match rng.randrange(4):
+        case 0:
+            part["max tilt"] = rng.choice((0, 5, 20, 180, 200, -1, "15deg"))
+        case 1:
+            part["down"] = rng.choice((["z-"], ["x+", "z+"], ["y-"], [], ["bottom"]))
+        case _:
+            part["rotations"] = rng.choice(("fixed", "yaw-4", "cube", "free", "yaw-0", "all"))
 
 
 def file_frame(record: Record, folder: Path, rng: Random) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from campaigns.forgeries.bodies import Body, read_obj
 from campaigns.forgeries.values import (
     ABSENT,
+    SIDES,
     UPS,
     Wrong,
     as_integer,
@@ -367,11 +368,21 @@ class Judge:
         size = float(np.abs(turn.T @ turn - np.eye(3)).max())
         self._at_most(size, 3e-7, 1e-5, "another size, or sheared")
         require(np.linalg.det(turn) > 0, "mirrored")
+        self._leaning(part, turn)
         if part["rotations"] == "free":
             return
         require(part["rotations"] in SETS, "no rotations")
         far = float(np.abs(SETS[part["rotations"]] - turn).max(axis=(1, 2)).min())
         self._at_most(far, 3e-7, 1e-5, "a rotation that nobody asked for")
+
+    def _leaning(self, part: Mapping[str, Any], turn: Floats) -> None:
+        """Judge how far an item leans, and which of its sides faces down."""
+        tilt = float(np.degrees(np.arctan2(np.linalg.norm(turn[:2, 2]), turn[2, 2])))
+        beyond = tilt - as_number(part.get("max tilt", 180.0))
+        self._at_most(np.radians(beyond), 3e-7, 1e-5, "a tilt")
+        lowest = {name: float((turn @ way)[2]) for name, way in SIDES.items()}
+        least = min(lowest[name] for name in part.get("down", SIDES))
+        self._at_most(least - min(lowest.values()), 3e-7, 1e-5, "a side that may not face down")
 
     def _limits(
         self,

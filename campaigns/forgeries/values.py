@@ -31,10 +31,25 @@ TYPES: Mapping[str, tuple[type, ...]] = {
     "as many as fit": (bool,),
     "clearance": (float, NoneType),
     "group": (str, NoneType),
+    "max tilt": (float,),
+    "down": (list,),
 }
 """The types of the fields of a requested part; an integer is a float, too."""
 
-ABSENT: Mapping[str, Any] = {"as many as fit": False, "clearance": None, "group": None}
+SIDES: Mapping[str, Floats] = {
+    f"{name}{sign}": np.where(np.arange(3) == axis, 1.0 if sign == "+" else -1.0, 0.0)
+    for axis, name in enumerate("xyz")
+    for sign in "-+"
+}
+"""The sides of a part by name, with the directions out of them."""
+
+ABSENT: Mapping[str, Any] = {
+    "as many as fit": False,
+    "clearance": None,
+    "group": None,
+    "max tilt": 180.0,
+    "down": list(SIDES),
+}
 """Fields of a requested part that earlier versions did not write, with what that means."""
 
 RANGES: Mapping[str, tuple[float, float]] = {
@@ -46,6 +61,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "max load": (0, 1e12),
     "deviation": (0, 1e30),
     "clearance": (0, 1e30),
+    "max tilt": (0, 180),
 }
 
 UPS: Mapping[str, Floats] = {
@@ -77,6 +93,8 @@ def check_types(part: Mapping[str, Any]) -> None:
 def out_of_range(part: Mapping[str, Any]) -> list[str]:
     """List the fields of a requested part that have a value that is not possible."""
     found = [] if part["up"] in UPS else ["up"]
+    down = part.get("down", list(SIDES))
+    found += [] if down and all(each in SIDES for each in down) else ["down"]
     for key, (low, high) in RANGES.items():
         value = part.get(key)
         found += [] if value is None or low <= value <= high else [key]

@@ -29,7 +29,14 @@ from packit_sim.core.length_units import Unit
 
 with lazy_imports():
     from packit_sim.cli import output, terminal
-    from packit_sim.parts.reading import box_lists, distances, limits, named_containers, units
+    from packit_sim.parts.reading import (
+        box_lists,
+        distances,
+        limits,
+        named_containers,
+        turnings,
+        units,
+    )
     from packit_sim.parts.reading import boxes as box_texts
     from packit_sim.parts.reading import files as part_files
     from packit_sim.parts.reading import powder as powders
@@ -73,6 +80,14 @@ def pack_command(
             help="Rotations of parts: fixed, upright, yaw-N, flip-N, axis-N, cube or free."
         ),
     ] = "cube",
+    max_tilt: Annotated[
+        str | None,
+        typer.Option(help="Most that the up axis of a part's file leans, such as 15deg."),
+    ] = None,
+    down: Annotated[
+        str | None,
+        typer.Option(help="Sides that may face down, of x-, x+, y-, y+, z-, z+, such as z-,z+."),
+    ] = None,
     keep_out: Annotated[
         list[str] | None,
         typer.Option(help="Mesh file of a volume that stays free, in the box's coordinates."),
@@ -196,8 +211,9 @@ def pack_command(
     reading, and as far as possible the check and all files.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
-    no_stack (yes: nothing may rest on it), max_load (g), clearance, group, unit and name. Parts of
-    a higher priority are packed first. Parts that break a constraint are left out, with the reason.
+    no_stack (yes: nothing may rest on it), max_load (g), clearance, group, max_tilt, down, unit and
+    name. Parts of a higher priority are packed first. Parts that break a constraint are left out,
+    with the reason.
 
     Example: packit pack parts/*.stl --box 300x200x150mm --out packed
 
@@ -227,7 +243,13 @@ def pack_command(
         keep_out=keep_out or (),
         fixed=fixed or (),
         unit=length,
-        reading=part_files.ReadSettings(unit, up, rotations, separate),
+        reading=part_files.ReadSettings(
+            unit,
+            up,
+            rotations,
+            separate,
+            turning=turnings.read_turning(max_tilt, down),
+        ),
         workers=workers,
         backend=backend,
         address=address,

@@ -7,6 +7,7 @@ linear programming in a trust region, from many rotations to begin with.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -16,12 +17,20 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.packings.containers import BoxContainer, Container
+from packit_sim.parts.packings.cylinders import CORNERS as SECTIONS
+from packit_sim.parts.packings.cylinders import CylinderContainer
+from packit_sim.parts.packings.distances import WallClearance
+from packit_sim.parts.packings.mesh_containers import MeshContainer
 
 CORNERS = 8
 """Corners of the body that bound a small turn at each wall: the farthest ones."""
 
 REFINED = 12
 """Rotations from which the best are found, of all to begin with."""
+
+CONVEX = 1e-6
+"""How much smaller than its convex hull a container may be, and still count as convex."""
 
 STEPS = 60
 """Most steps from each."""
@@ -100,11 +109,13 @@ class ConvexSpace:
         for each in tried[:REFINED]:
             if is_over():
                 break
-            found = self._refined(corners, each, is_over)
+            found = self.refined(corners, each, is_over)
             best = found if found.scale > best.scale else best
         return best
 
-    def _refined(self, corners: Floats, best: Fitted, is_over: Callable[[], bool]) -> Fitted:
+    def refined(
+        self, corners: Floats, best: Fitted, is_over: Callable[[], bool] = lambda: False
+    ) -> Fitted:
         """Turn a body by small steps as long as its scale grows."""
         trust = _TRUST[0]
         for _ in range(STEPS):
@@ -143,6 +154,41 @@ class ConvexSpace:
 
 _BOUNDS = [(0, None), (None, None), (None, None), (None, None)]
 """Bounds of a scale, which is not negative, and of a place."""
+
+
+def convex_space(
+    container: Container, walls: WallClearance, is_hull: bool = False
+) -> ConvexSpace | None:
+    """Return the space inside the walls of a container, or of its convex hull.
+
+    Parameters
+    ----------
+    is_hull : bool
+        Whether to take the hull of a container that is not convex.
+
+    Returns
+    -------
+    ConvexSpace or None
+        The space; None if the container is not convex.
+    """
+    if isinstance(container, BoxContainer):
+        normals = np.concatenate((-np.eye(3), np.eye(3)))
+        return ConvexSpace(normals, np.concatenate((-walls.lower, container.size - walls.upper)))
+    if isinstance(container, CylinderContainer):
+        radius = container.diameter / 2
+        angles = 2 * math.pi * np.arange(SECTIONS) / SECTIONS
+        across = np.column_stack((np.cos(angles), np.sin(angles), np.zeros(SECTIONS)))
+        inner = (radius - walls.sides) * math.cos(math.pi / SECTIONS)  # of a polygon inside
+        normals = np.concatenate((across, ((0, 0, -1), (0, 0, 1))))
+        ends = (-walls.floor, container.height - walls.top)
+        return ConvexSpace(normals, np.concatenate((across @ (radius, radius, 0) + inner, ends)))
+    assert isinstance(container, MeshContainer)
+    vertices = container.mesh.vertices - container.mesh.low
+    hull = ConvexHull(vertices)
+    if container.volume < hull.volume * (1 - CONVEX) and not is_hull:
+        return None
+    planes = np.unique(hull.equations.round(12), axis=0)
+    return ConvexSpace(planes[:, :3], -planes[:, 3] - walls.largest)
 
 
 def corners_of(vertices: Floats) -> Floats:

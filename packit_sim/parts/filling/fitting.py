@@ -10,7 +10,6 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from packit_sim.core.caches import cached_property
@@ -19,17 +18,15 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import Unit
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
-from packit_sim.parts.filling.convex_fits import ConvexSpace, corners_of
+from packit_sim.parts.filling.convex_fits import ConvexSpace, convex_space, corners_of
 from packit_sim.parts.filling.task import PackSettings, check_margin
 from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
 from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.packings.bounds import SECONDS, SEEDS
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import BoxContainer, Container
-from packit_sim.parts.packings.cylinders import CORNERS, CylinderContainer
 from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.item_types import ItemType
-from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.rotation_sets import FREE, matrices
@@ -39,9 +36,6 @@ from packit_sim.parts.reading.mesh_boxes import with_meshes
 from packit_sim.parts.reading.named_containers import without_names
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import prepare
-
-CONVEX = 1e-6
-"""How much smaller than its convex hull a container may be, and still count as convex."""
 
 RANDOM = 60
 """Random rotations to begin with."""
@@ -190,7 +184,7 @@ class _Search:
 
     def run(self) -> Packing:
         """Search until the time is over, or the largest scale is known."""
-        space = _convex(self._container, self._walls)
+        space = convex_space(self._container, self._walls)
         found = self._in_convex(space) if space else self._in_any()
         if found is None:
             raise ArgumentError(
@@ -302,25 +296,3 @@ class _Search:
             placement = Placement(0, pose, 0, scale)
             return placement if self._is_valid(placement) else None
         return None
-
-
-def _convex(container: Container, walls: WallClearance) -> ConvexSpace | None:
-    """Return the space inside the walls of a container, or None if it is not convex."""
-    if isinstance(container, BoxContainer):
-        normals = np.concatenate((-np.eye(3), np.eye(3)))
-        return ConvexSpace(normals, np.concatenate((-walls.lower, container.size - walls.upper)))
-    if isinstance(container, CylinderContainer):
-        radius = container.diameter / 2
-        angles = 2 * math.pi * np.arange(CORNERS) / CORNERS
-        across = np.column_stack((np.cos(angles), np.sin(angles), np.zeros(CORNERS)))
-        inner = (radius - walls.sides) * math.cos(math.pi / CORNERS)  # of a polygon inside
-        normals = np.concatenate((across, ((0, 0, -1), (0, 0, 1))))
-        ends = (-walls.floor, container.height - walls.top)
-        return ConvexSpace(normals, np.concatenate((across @ (radius, radius, 0) + inner, ends)))
-    assert isinstance(container, MeshContainer)
-    vertices = container.mesh.vertices - container.mesh.low
-    hull = ConvexHull(vertices)
-    if container.volume < hull.volume * (1 - CONVEX):
-        return None
-    planes = np.unique(hull.equations.round(12), axis=0)
-    return ConvexSpace(planes[:, :3], -planes[:, 3] - walls.largest)

@@ -15,9 +15,11 @@ from packit_sim.core.parallel import Threads
 from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.core.sums import plain_sum
+from packit_sim.parts.filling.free_turns import with_free_turns
 from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
 from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.rotation_sets import FIXED
+from packit_sim.parts.packings.turning import ANY_TURN
 from packit_sim.parts.reading.box_lists import without_lists
 from packit_sim.parts.reading.boxes import Boxes, BoxType, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts
@@ -123,7 +125,7 @@ def prepared_task(
         inputs=reading.inputs,
         outlines=outlines,
     )
-    task = _without_tiny(task)
+    task = _without_tiny(with_free_turns(task))
     _require_fit(task)
     note = unit_note(box)
     notes = [*reading.notes, *([note] if note else []), *limit_notes, *_notes(task)]
@@ -200,7 +202,7 @@ def _in_place(
     if not sources:
         return ()
     try:
-        reading = replace(settings.reading, split=False, rotations=FIXED)
+        reading = replace(settings.reading, split=False, rotations=FIXED, turning=ANY_TURN)
         found = find_parts(sources, reading)
     except ArgumentError as error:
         raise ArgumentError(f"{name}: {error}") from None
@@ -210,7 +212,7 @@ def _in_place(
     for each in found.parts:
         if each.count > 1:
             raise ArgumentError(f"{name}: part {each.name!r} has one place, not {each.count}")
-    parts = [replace(each, rotations=FIXED) for each in found.parts]
+    parts = [replace(each, rotations=FIXED, turning=ANY_TURN) for each in found.parts]
     return tuple(prepare(each, unit, settings.accuracy) for each in parts)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.balance import centred, nest_balance
+from packit_sim.parts.filling.block_lattices import latticed
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.grouped_filling import GroupedFilling
 from packit_sim.parts.filling.packed import PackedParts
@@ -42,6 +43,9 @@ _SECONDS = 0.05, 1e6
 
 _REPEATS = 4
 """Searches for a box, if their iterations are limited, while constraints leave parts out."""
+
+_LATTICE_TIME = 0.3
+"""Share of the time for a box in which lattices are put into it, at most."""
 
 _STEPS = 0.08, 0.005
 """Shares by which a height is lowered at a time, at first and at last."""
@@ -293,18 +297,25 @@ class PackingSearch:
         most = Counter[int]()
         total = sum(counts.values()) + sum(len(each.placements) for each in full)
 
-        def better(packing: Packing) -> None:
+        def consider(packing: Packing) -> None:
             nonlocal best, most
-            if packing.placements:
-                own = Counter(one.type for one in packing.placements)
-                most = max(most, own, key=Counter.total)
-                found = self._candidate([*full, *self._in_boxes(packing, box)])
-                if best is None or found.score > best.score:
-                    best = found
-                self._offer(found)
+            own = Counter(one.type for one in packing.placements)
+            most = max(most, own, key=Counter.total)
+            found = self._candidate([*full, packing])
+            if best is None or found.score > best.score:
+                best = found
+            self._offer(found)
+
+        def better(packing: Packing) -> None:
+            for each in self._in_boxes(packing, box):
+                consider(each)
 
         end = clock.perf_counter() + seconds
         start = start or self._earlier(box, len(full))
+        if start is None and (start := self._latticed(box, counts, seconds)):
+            consider(start)
+            if most.total() == sum(counts.values()) and best is not None and best.count == total:
+                return start, most
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
             seed = self._seed + _NEXT_SEED * number
@@ -319,6 +330,14 @@ class PackingSearch:
         if best is None or len(best.packings) <= len(full):
             return None, most
         return best.packings[-1], most
+
+    def _latticed(self, box: BoxType, counts: Mapping[int, int], seconds: float) -> Packing | None:
+        """Fill a box that is not empty or no box with lattices, in a share of the time."""
+        if not self._bodies(box):
+            return None
+        end = clock.perf_counter() + _LATTICE_TIME * seconds
+        own = self._allowed(box, counts)
+        return latticed(self._task, box, own, self._bodies(box), lambda: clock.perf_counter() > end)
 
     def _fill_together(self, counts: Mapping[int, int]) -> None:
         """Search for the fewest boxes, of one size or of several that there are enough of."""

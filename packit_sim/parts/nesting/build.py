@@ -17,6 +17,7 @@ from packit_sim.geometry.parts import Parts
 from packit_sim.geometry.triangle_trees import boxes_of, tree_order
 from packit_sim.parts.nesting.distance_kernels import STEPS
 from packit_sim.parts.nesting.problem import Closed, Distances, Lookup, Problem, Solids, Surfaces
+from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.nesting.surface_kernels import STACK
 from packit_sim.parts.nesting.voxel_sets import (
@@ -27,7 +28,6 @@ from packit_sim.parts.nesting.voxel_sets import (
 )
 from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.item_types import ItemType
-from packit_sim.parts.packings.rotation_sets import matrices
 from packit_sim.placement import PartArrays
 
 SOLID_VOXELS = 200
@@ -176,9 +176,9 @@ def _is_hollow(item_type: ItemType, share: float) -> bool:
 
 def _turns(types: Sequence[ItemType]) -> tuple[Floats, list[list[int]]]:
     """Return all rotations (m, 3, 3), the identity first, and the numbers of each type's."""
-    found: list[Floats] = []
-    own = [[_number(found, turn) for turn in matrices(each.rotations)] for each in types]
-    return np.array(found), own
+    found: list[Floats] = [np.eye(3)]
+    own = [[_number(found, turn) for turn in searched_rotations(each)] for each in types]
+    return np.array(found), [list(dict.fromkeys(each)) for each in own]
 
 
 def _relative(turns: Floats) -> tuple[Ints, Floats]:

@@ -47,7 +47,6 @@ from packit_sim.parts.packings.containers import BoxContainer, Container
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.packings.rotation_sets import matrices
 
 _log = plain_logger("packit_sim.parts.nesting")
 
@@ -274,13 +273,14 @@ def _body(item_type: ItemType, distance: float, tolerance: float) -> ItemType:
     if distance <= 0:
         return item_type
     vertices, faces = thickened(item_type.vertices, item_type.faces, distance + 2 * tolerance)
-    return ItemType(item_type.name, vertices, faces, item_type.demand, item_type.rotations)
+    body = ItemType(item_type.name, vertices, faces, item_type.demand, item_type.rotations)
+    return body.changed(turning=item_type.turning, turns=item_type.turns)
 
 
 def _suit_cells(types: Sequence[ItemType], container: Container) -> bool:
     """Return whether all items fit on a grid of cells."""
     most = ROOM * np.array(container.size)
-    sides = ((np.ptp(t.vertices @ m.T, axis=0) for m in matrices(t.rotations)) for t in types)
+    sides = ((np.ptp(t.vertices @ m.T, axis=0) for m in searched_rotations(t)) for t in types)
     return all(any((side <= most).all() for side in each) for each in sides)
 
 

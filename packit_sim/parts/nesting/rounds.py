@@ -20,6 +20,7 @@ from packit_sim.parts.nesting.build import build
 from packit_sim.parts.nesting.overlap_kernels import add_fields
 from packit_sim.parts.nesting.problem import Problem, with_own_arrays, with_own_fields
 from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.nesting.tasks import CLOCKS, ClockName, SearchBudget, Solution
 from packit_sim.parts.packings.item_types import ItemType
@@ -63,7 +64,7 @@ class Problems:
     ) -> None:
         self.shares_fields = shares_fields and not is_checking()  # others would change its nodes
         self._arguments = types, unit, clearance, settings, by_cells, has_fields, bodies
-        parts = [(each.digest, each.rotations) for each in (*types, *bodies)]
+        parts = [(each.digest, searched_rotations(each).tobytes()) for each in (*types, *bodies)]
         key = parts, unit, clearance, self.shares_fields, settings, by_cells, has_fields
         self._digest = hashlib.sha256(repr(key).encode()).hexdigest()
 

@@ -13,6 +13,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import split
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.rotation_sets import FREE, matrices
+from packit_sim.parts.packings.turning import ANY_TURN
 
 SMALLER = 0.999
 """Share of the volume of a mesh's bounding box, below which another box is worth a rotation."""
@@ -42,7 +43,7 @@ def in_search_frame(item_type: ItemType) -> ItemType:
     Returns
     -------
     ItemType
-        The type itself, or that of the turned mesh, with the rotations `cube`.
+        The type itself, or that of the turned mesh, with the rotations `cube` or a list.
     """
     return item_type if item_type.rotations != FREE else _framed(item_type)[1]
 
@@ -53,18 +54,32 @@ def searched_rotations(item_type: ItemType) -> Floats:
     Returns
     -------
     ndarray of float64, shape (n, 3, 3)
-        The rotations of its set; for `free`, the 24 of `cube` after that to the search's frame.
+        Its own list, or the rotations of its set that it may take; for `free`, the 24 of `cube`
+        after that to the search's frame, and with limits on turning also the 24 alone.
     """
-    own = matrices(in_search_frame(item_type).rotations)
-    return np.asarray(own @ search_frame(item_type))
+    return _searched(item_type, search_frame(item_type))
+
+
+def _searched(item_type: ItemType, frame: Floats) -> Floats:
+    if item_type.turns is not None:
+        return item_type.turns
+    if item_type.rotations != FREE:
+        found = matrices(item_type.rotations)
+    elif item_type.turning == ANY_TURN:
+        found = matrices("cube") @ frame
+    else:
+        found = np.concatenate((matrices("cube"), matrices("cube") @ frame))
+    return found[item_type.turning.allows(found)]
 
 
 @cached(WeakKeyDictionary(), key=lambda item_type: item_type, lock=RLock())
 def _framed(item_type: ItemType) -> tuple[Floats, ItemType]:
     """Return the frame and the turned type; they are forgotten with the type."""
     turn = _to_smallest_box(item_type)
+    is_any = item_type.turns is None and item_type.turning == ANY_TURN
+    turns = None if is_any else _searched(item_type, turn) @ turn.T
     if np.array_equal(turn, np.eye(3)):
-        return turn, item_type.changed(rotations="cube")
+        return turn, item_type.changed(rotations="cube", turning=ANY_TURN, turns=turns)
     turned = ItemType(
         item_type.name,
         item_type.vertices @ turn.T,
@@ -74,6 +89,7 @@ def _framed(item_type: ItemType) -> tuple[Floats, ItemType]:
         item_type.value,
         known_volume=item_type.volume,
         clearance=item_type.clearance,
+        turns=turns,
     )
     return turn, turned
 

@@ -26,6 +26,9 @@ MAX_COUNT = 10_000
 
 COUNTS = Range(1, MAX_COUNT)
 
+TILTS = Range(0, 180)
+"""Degrees."""
+
 PRIORITIES = Range(-1_000_000_000, 1_000_000_000)
 
 VALUES = Range(0, 1e12)

@@ -14,13 +14,14 @@ import trimesh
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import check_range
-from packit_sim.core.errors import ArgumentError, MeshError
+from packit_sim.core.errors import ArgumentError, MeshError, located
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.repair import clean_mesh, repair_mesh
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.packings import rotation_sets
 from packit_sim.parts.packings.bounds import DISTANCES, LENGTHS, MAX_LENGTH
+from packit_sim.parts.packings.turning import ANY_TURN, Turning
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,10 @@ class ItemType:
         `repair_mesh`).
     clearance : float, optional
         The smallest distance to other items, if it is larger than that of the packing.
+    turning : Turning
+        Limits on its rotations.
+    turns : ndarray of float64, shape (n, 3, 3), optional
+        The rotations that a search tries; by default all of the set, or 24 of `free`.
 
     Attributes
     ----------
@@ -62,7 +67,8 @@ class ItemType:
     MeshError
         If the mesh is empty, not finite, too large or small, or without extent along an axis.
     ArgumentError
-        If the demand, the rotations, the value or the clearance are not possible.
+        If the demand, the rotations, the value or the clearance are not possible, or no rotation
+        keeps the limits.
 
     Examples
     --------
@@ -86,6 +92,8 @@ class ItemType:
     known_volume: InitVar[float | None] = None
     repaired: InitVar[bool] = False
     clearance: float | None = None
+    turning: Turning = ANY_TURN
+    turns: Floats | None = None
     volume: float = field(init=False)
 
     def __post_init__(self, known_volume: float | None, repaired: bool) -> None:
@@ -116,6 +124,8 @@ class ItemType:
         if self.clearance is not None:
             check_range(f"item type {self.name!r}: a clearance of", self.clearance, DISTANCES)
         rotation_sets.check(self.rotations)
+        with located(f"item type {self.name!r}", ArgumentError):
+            self.turning.check(self.rotations)
         object.__setattr__(self, "demand", demand)
 
     @classmethod
@@ -191,6 +201,8 @@ class ItemType:
         rotations: str | None = None,
         value: float | None = None,
         clearance: float | None = None,
+        turning: Turning | None = None,
+        turns: Floats | None = None,
     ) -> ItemType:
         """Return a type of the same mesh, whose checks and measures are not repeated.
 
@@ -204,6 +216,10 @@ class ItemType:
             Its value; by default the same.
         clearance : float, optional
             Its clearance; by default the same.
+        turning : Turning, optional
+            The limits on its rotations; by default the same.
+        turns : ndarray of float64, shape (n, 3, 3), optional
+            The rotations that a search tries; by default the same.
 
         Returns
         -------
@@ -216,8 +232,8 @@ class ItemType:
             If a setting is not possible.
         """
         new = copy(self)
-        settings = {"demand": demand, "rotations": rotations, "value": value}
-        settings["clearance"] = clearance
+        settings: dict[str, object] = {"demand": demand, "rotations": rotations, "value": value}
+        settings |= {"clearance": clearance, "turning": turning, "turns": turns}
         for name, setting in settings.items():
             if setting is not None:
                 object.__setattr__(new, name, setting)

@@ -22,6 +22,7 @@ from packit_sim.libraries.mesh_files import SUFFIXES, read, read_parts
 from packit_sim.libraries.raw_meshes import RawPart
 from packit_sim.libraries.step_files import SUFFIXES as STEP
 from packit_sim.parts.packings.bounds import COUNTS, LENGTHS
+from packit_sim.parts.packings.turning import ANY_TURN, Turning
 from packit_sim.parts.reading.file_copies import FileCopies, FileCopy
 from packit_sim.parts.reading.manifest import MANIFESTS, SURPLUS, ManifestRow, read_manifest
 from packit_sim.parts.reading.part import Part, rotation_set
@@ -87,6 +88,8 @@ class ReadSettings:
         Whether each part of a scene is packed by itself; by default those of 3MF and STEP are.
     accuracy : float, optional
         Largest deviation of tessellations of STEP files, in mm; by default relative to each part.
+    turning : Turning
+        Limits on how parts turn, where a manifest does not say.
 
     Raises
     ------
@@ -99,6 +102,7 @@ class ReadSettings:
     rotations: str = "cube"
     split: bool | None = None
     accuracy: float | None = None
+    turning: Turning = ANY_TURN
 
     def __post_init__(self) -> None:
         check_unit(self.unit)
@@ -259,6 +263,7 @@ def _parts(
             options["count"] = min(options["count"], int(COUNTS.high))
         unit = options.pop("unit", None)
         clearance = options.pop("clearance", None)
+        limits = {key: options.pop(key) for key in ("max_tilt", "down") if key in options}
         notes += [f"{row.file.name}: {note}" for note in each.raw.notes]
         known, unit_cm = _unit(each.raw.unit_cm, str(unit or settings.unit))
         if clearance is not None:
@@ -275,6 +280,7 @@ def _parts(
                 copy=copy,
                 node=each.node,
                 deviation=each.raw.deviation,
+                turning=replace(settings.turning, **limits),
                 **options,
             )
         )

@@ -24,6 +24,7 @@ from packit_sim.parts.reading.tables import (
     has_decimal_commas,
     read_table,
 )
+from packit_sim.parts.reading.turnings import read_angle, read_sides
 from packit_sim.parts.reading.units import check_unit
 
 MANIFESTS = (".csv", ".json", ".tsv", ".txt", ".xlsx")
@@ -43,8 +44,8 @@ def _length(value: object) -> str:
     return str(value)
 
 
-_LENGTH = re.compile(r"\s*([\d.,]+)(\s*[a-zµ]*)\s*")
-"""A length: a number as tables have it, and perhaps a unit."""
+_LENGTH = re.compile(r"\s*([\d.,]+)(\s*[a-zµ°]*)\s*")
+"""A length or an angle: a number as tables have it, and perhaps a unit."""
 
 SURPLUS: Mapping[str, Mapping[str, Any]] = {
     "max": {"count": int(COUNTS.high), "as_many_as_fit": True},
@@ -70,6 +71,8 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
     "unit": check_unit,
     "clearance": _length,
     "group": str,
+    "max_tilt": read_angle,
+    "down": read_sides,
 }
 """The fields of a part."""
 
@@ -89,7 +92,8 @@ SYNONYMS = {
 }
 """Other headings of fields, without spaces and in lower case."""
 
-_UNITS = {"mass": ("g",), "density": ("g/cm3", "g/cm³"), "max_load": ("g",), "clearance": ()}
+_UNITS = {"mass": ("g",), "density": ("g/cm3", "g/cm³"), "max_load": ("g",)}
+_UNITS |= {"max_tilt": ("deg", "°"), "clearance": ()}
 """The unit that a heading may have in brackets, such as "Mass (g)"."""
 
 
@@ -226,7 +230,7 @@ def _field(path: Path, text: str) -> str | None:
 
 
 def _is_comma(table: Table, names: list[str | None]) -> bool:
-    numeric = (int, float, _length)
+    numeric = (int, float, _length, read_angle)
     columns = [n for n, name in enumerate(names) if name and _FIELDS[name] in numeric]
     cells = (row[n] for _, row in table.rows for n in columns if n < len(row))
     numbers = (_LENGTH.sub(r"\1", each) if isinstance(each, str) else each for each in cells)
@@ -304,8 +308,8 @@ def _value(name: str, value: Any, is_comma: bool) -> object:
         value = int(value) if value.is_integer() else value
     if isinstance(value, str):
         value = value.strip()
-    if kind is _length and (match := _LENGTH.fullmatch(str(value))):
-        return f"{as_number(match[1], is_comma)!r}{match[2]}"
+    if kind in (_length, read_angle) and (match := _LENGTH.fullmatch(str(value))):
+        value = f"{as_number(match[1], is_comma)!r}{match[2]}"
     if kind is float:
         return as_number(value, is_comma)
     if kind is int and not isinstance(value, int):

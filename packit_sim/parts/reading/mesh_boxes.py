@@ -14,6 +14,7 @@ from packit_sim.core.files import exists
 from packit_sim.core.length_units import Unit
 from packit_sim.parts.packings.mesh_containers import MeshContainer
 from packit_sim.parts.packings.rotation_sets import FIXED
+from packit_sim.parts.packings.turning import ANY_TURN
 from packit_sim.parts.reading.boxes import Boxes, BoxType, MeshBox, OneBox
 from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.reading.limits import Limits
@@ -87,7 +88,7 @@ def _read(file: Path, reading: ReadSettings) -> Part:
     """Read the one part of a file."""
     if not exists(file):
         raise ArgumentError(f"container {str(file)!r}: there is no such file")
-    found = find_parts([file], replace(reading, split=False, rotations=FIXED))
+    found = find_parts([file], replace(reading, split=False, rotations=FIXED, turning=ANY_TURN))
     if found.unread:
         raise ArgumentError(f"container {str(file)!r}: {found.unread[0].reason}")
     return found.parts[0]

@@ -29,6 +29,7 @@ from packit_sim.parts.packings.bounds import (
     PRIORITIES,
     VALUES,
 )
+from packit_sim.parts.packings.turning import ANY_TURN, Turning
 from packit_sim.parts.reading.file_copies import FileCopy
 from packit_sim.parts.reading.units import check_unit, factor
 
@@ -113,6 +114,8 @@ class Part:
         The smallest distance to other parts, if it is larger than that of all, in the mesh's unit.
     group : str, optional
         The group of parts that it belongs to, such as an order or a material.
+    turning : Turning
+        Limits on how it may turn, after its up axis has become z.
 
     Raises
     ------
@@ -152,6 +155,7 @@ class Part:
     as_many_as_fit: bool = False
     clearance: float | None = None
     group: str | None = None
+    turning: Turning = ANY_TURN
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", plain_line(self.name))
@@ -173,6 +177,7 @@ class Part:
         check_unit(self.unit)
         with located(f"part {self.name!r}", ArgumentError):
             object.__setattr__(self, "rotations", rotation_set(self.rotations))
+            self.turning.check(self.rotations)
 
     def scale(self, unit: Unit) -> float:
         """Return how many of a unit of length the mesh's own unit has."""
@@ -209,6 +214,8 @@ class Part:
             sha.update(repr(("clearance", self.clearance)).encode())
         if self.group is not None:
             sha.update(repr(("group", self.group)).encode())
+        if self.turning != ANY_TURN:
+            sha.update(repr(self.turning).encode())
         return sha.hexdigest()
 
     @property

@@ -181,6 +181,7 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
         part.rotations,
         known_volume=volume * diagonal**3,
         repaired=error == 0,
+        turning=part.turning,
     )
     return PreparedPart(
         part,
@@ -243,6 +244,8 @@ def boxed(part: PreparedPart, least: float) -> PreparedPart:
         own.demand,
         own.rotations,
         known_volume=own.volume,
+        turning=own.turning,
+        turns=own.turns,
     )
     sides = " x ".join(f"{side:.3g}" for side in extents)
     note = f"tiny among these parts: packed as a box of {sides} {unit}"

@@ -20,6 +20,7 @@ from packit_sim.parts.packings.container_files import FormName, form_of
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.mesh_paths import file_inside
+from packit_sim.parts.packings.turning import ANY_TURN, Turning
 from packit_sim.parts.reading.boxes import BoxType, MeshBox
 from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.reading.files import ReadSettings
@@ -48,6 +49,10 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
         Its own smallest distance to others, in the file's unit.
     group : str, optional
         The group that it belongs to.
+    max_tilt : float
+        The most degrees by which it may lean.
+    down : tuple of str
+        The sides that may face down.
     """
 
     name: str
@@ -67,6 +72,8 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
     as_many_as_fit: bool = False  # earlier versions had no such parts
     clearance: Annotated[float, Meta(ge=0)] | None = None  # nor this
     group: str | None = None  # nor this
+    max_tilt: float = ANY_TURN.max_tilt  # nor this
+    down: tuple[str, ...] = ANY_TURN.down  # nor this
 
     def part(self, folder: Path, unit: Unit, copies: FileCopies) -> Part:
         """Read the part.
@@ -111,6 +118,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
             as_many_as_fit=self.as_many_as_fit,
             clearance=self.clearance,
             group=self.group,
+            turning=Turning(self.max_tilt, self.down),
         )
 
 
@@ -298,4 +306,6 @@ def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str
         part.as_many_as_fit,
         part.clearance,
         part.group,
+        part.turning.max_tilt,
+        part.turning.down,
     )

@@ -214,6 +214,8 @@ def _placement(task: PackTask, number: int, pose: Floats, container: Container) 
         if errors.min() > ROTATION_SLACK:
             return f"its rotation is none of {prepared.part.rotations}"
         rotation = known[errors.argmin()]
+    if fault := prepared.part.turning.fault(rotation):
+        return fault
     placement = Placement(number, Motion(rotation, motion.translation))
     item = CheckedItem(prepared.part.name, prepared.item_type, placement, container.longest)
     margin = task.walls.plus(prepared.deviation)

@@ -17,6 +17,7 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.rotation_sets import FIXED
+from packit_sim.parts.packings.turning import ANY_TURN
 from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.parts.results.resuming import items_of, resumed
@@ -207,5 +208,5 @@ def _fixed(part: PreparedPart, one: Placement) -> PreparedPart:
     kind = part.item_type
     vertices = one.apply(kind.vertices)
     posed = ItemType(kind.name, vertices, kind.faces, rotations=FIXED, known_volume=kind.volume)
-    own = replace(part.part, count=1, rotations=FIXED, as_many_as_fit=False)
+    own = replace(part.part, count=1, rotations=FIXED, turning=ANY_TURN, as_many_as_fit=False)
     return replace(part, part=own, item_type=posed)
