@@ -70,6 +70,7 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
     "unit": check_unit,
     "clearance": _length,
     "group": str,
+    "stop": int,
 }
 """The fields of a part."""
 

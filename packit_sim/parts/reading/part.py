@@ -113,6 +113,8 @@ class Part:
         The smallest distance to other parts, if it is larger than that of all, in the mesh's unit.
     group : str, optional
         The group of parts that it belongs to, such as an order or a material.
+    stop : int, optional
+        The stop at which it is delivered, from 1 on, for the order "delivery".
 
     Raises
     ------
@@ -152,6 +154,7 @@ class Part:
     as_many_as_fit: bool = False
     clearance: float | None = None
     group: str | None = None
+    stop: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", plain_line(self.name))
@@ -162,6 +165,8 @@ class Part:
         check_range(f"{where} count", count, COUNTS)
         priority = as_integer(f"{where} priority", self.priority)
         check_range(f"{where} priority", priority, PRIORITIES)
+        if self.stop is not None:
+            check_range(f"{where} stop", as_integer(f"{where} stop", self.stop), COUNTS)
         for name, valid in _BOUNDS.items():
             if getattr(self, name) is not None:
                 check_range(f"{where} {name}", getattr(self, name), valid)
@@ -209,6 +214,8 @@ class Part:
             sha.update(repr(("clearance", self.clearance)).encode())
         if self.group is not None:
             sha.update(repr(("group", self.group)).encode())
+        if self.stop is not None:
+            sha.update(repr(("stop", self.stop)).encode())
         return sha.hexdigest()
 
     @property

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct, to_builtins
 
-from packit_sim.core.choices import Goal, GroupRule
+from packit_sim.core.choices import Door, Goal, GroupRule, LoadingOrder
 from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.mesh_files import read
@@ -46,6 +46,8 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
         Its own smallest distance to others, in the file's unit.
     group : str, optional
         The group that it belongs to.
+    stop : int, optional
+        The stop at which it is delivered.
     """
 
     name: str
@@ -65,6 +67,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
     as_many_as_fit: bool = False  # earlier versions had no such parts
     clearance: Annotated[float, Meta(ge=0)] | None = None  # nor this
     group: str | None = None  # nor this
+    stop: int | None = None  # nor this
 
     def part(self, folder: Path, unit: Unit, copies: FileCopies) -> Part:
         """Read the part.
@@ -109,6 +112,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
             as_many_as_fit=self.as_many_as_fit,
             clearance=self.clearance,
             group=self.group,
+            stop=self.stop,
         )
 
 
@@ -173,6 +177,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     separable: bool = False  # earlier versions did not record it
     clearance_z: float | None = None  # nor this
     groups: tuple[GroupRule, ...] = ()  # nor this
+    door: Door = "z+"  # nor this
+    order: LoadingOrder | None = None  # nor this
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
@@ -205,6 +211,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
             fixed=[each.part(folder, self.unit, copies) for each in self.fixed],
             workers=1,
             clearance_z=self.clearance_z,
+            door=self.door,
+            order=self.order,
         )
         boxes = [each.box(folder, self.unit, copies) for each in self.boxes]
         packed = [each for each in self.parts if each.mesh is not None]
@@ -250,6 +258,8 @@ def request(
         settings.separable,
         settings.clearance_z,
         tuple(settings.groups),  # type: ignore[arg-type]
+        settings.door,
+        settings.order,
     )
     built: dict[str, Any] = to_builtins(found)
     return built
@@ -284,4 +294,5 @@ def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str
         part.as_many_as_fit,
         part.clearance,
         part.group,
+        part.stop,
     )

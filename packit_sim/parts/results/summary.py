@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 from packit_sim.parts.filling.packed import PackedParts
@@ -42,6 +43,7 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
     if any(limits):
         numbered = [f"box {n}: {text}" for n, text in enumerate(limits, start=1) if text]
         texts["limits"] = limits[0] if len(limits) == 1 else "; ".join(numbered)
+    texts |= deliveries(packed)
     by = "mass" if packed.mass is not None else "volume"
     for number, packing in enumerate(packed.packings, start=1):
         name = "centre of gravity" if len(boxes) == 1 else f"centre, box {number}"
@@ -52,6 +54,17 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
     else:
         count = f"{len(found.problems)} problem{'s' * (len(found.problems) > 1)}"
         texts["check"] = count if found.problems else f"no problems ({found.how})"
+    return texts
+
+
+def deliveries(packed: PackedParts) -> dict[str, str]:
+    """Return the door of the boxes if it is not the top, and how many parts each stop gets."""
+    texts, task = {}, packed.task
+    if task.settings.door != "z+":
+        texts["door"] = task.settings.door
+    counts = Counter(task.stops[one.type] for _, one in packed.placements if task.stops)
+    if counts:
+        texts["deliveries"] = ", ".join(f"stop {n}: {counts[n]}" for n in sorted(counts))
     return texts
 
 
