@@ -43,13 +43,13 @@ DOORS: tuple[Door, ...] = ("x+", "y-", "x-", "y+")
 
 CLEARANCE_MM = 1.0
 
-STEP_MM = 1.0
+STEP_MM = 2.0
 """Length of a step on the way out: less than the thickness of most parts."""
 
 DRAWN_IN = 0.999
 """Scale of a part that moves: exact sweeps let parts touch."""
 
-PASSES = 400, 40
+PASSES = 100, 10
 """Passes of a search without stops, and of each of the searches for a stop, of which there are up
 to 8 for each."""
 
