@@ -31,10 +31,16 @@ TYPES: Mapping[str, tuple[type, ...]] = {
     "as many as fit": (bool,),
     "clearance": (float, NoneType),
     "group": (str, NoneType),
+    "stop": (int, NoneType),
 }
 """The types of the fields of a requested part; an integer is a float, too."""
 
-ABSENT: Mapping[str, Any] = {"as many as fit": False, "clearance": None, "group": None}
+ABSENT: Mapping[str, Any] = {
+    "as many as fit": False,
+    "clearance": None,
+    "group": None,
+    "stop": None,
+}
 """Fields of a requested part that earlier versions did not write, with what that means."""
 
 RANGES: Mapping[str, tuple[float, float]] = {
@@ -46,6 +52,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "max load": (0, 1e12),
     "deviation": (0, 1e30),
     "clearance": (0, 1e30),
+    "stop": (1, 10_000),
 }
 
 UPS: Mapping[str, Floats] = {

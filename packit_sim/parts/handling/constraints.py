@@ -132,9 +132,9 @@ class Constraints:
         }
         for name, is_asked in asked.items():
             if is_asked and form != "box":
-                choice = "insertable through the top, or a box" if form == "cylinder" else "a box"
+                top = "straight moves through the top, or " if form == "cylinder" else ""
                 raise ArgumentError(
-                    f"{name} is not possible in {container.name!r}, a {form}: choose {choice}"
+                    f"{name} is not possible in {container.name!r}, a {form}: choose {top}a box"
                 )
 
     def check_numbers(self, packing: Packing) -> None:
