@@ -3,7 +3,7 @@
     .venv/bin/python -m benchmarks.deliveries --sets 20
     .venv/bin/python -m benchmarks.deliveries --table
 
-A set has three copies each of twelve random shapes of `everyday`, for 2 to 4 stops that take turns
+A set has two copies each of ten random shapes of `everyday`, for 2 to 4 stops that take turns
 among the shapes, whose volumes add up to 0.6 of a cube of 300 mm; the door is at each side in turn.
 Each set is packed with and without `order="delivery"`, with limited passes of the search, so that
 the results are repeatable. The order is checked by FCL, which the search does not use for that:
@@ -36,7 +36,7 @@ FILE = "deliveries.json"
 BLOCK = "deliveries"
 """Between these comments the page has the table."""
 
-SHAPES, COPIES, VOLUME = 12, 3, 0.6
+SHAPES, COPIES, VOLUME = 10, 2, 0.6
 """Shapes of a set, copies of each, and the volume of all relative to the box's."""
 
 DOORS: tuple[Door, ...] = ("x+", "y-", "x-", "y+")
@@ -49,9 +49,9 @@ STEP_MM = 2.0
 DRAWN_IN = 0.999
 """Scale of a part that moves: exact sweeps let parts touch."""
 
-PASSES = 100, 10
-"""Passes of a search without stops, and of each of the searches for a stop, of which there are up
-to 8 for each."""
+PASSES = 100, 5
+"""Passes of a search without stops, and of each of the searches for the stops, which are about 4 for
+each stop."""
 
 
 def parts_of_set(seed: int) -> list[Part]:

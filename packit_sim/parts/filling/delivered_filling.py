@@ -1,7 +1,8 @@
 """The filling of one box with parts for several stops, those of the last stop deepest.
 
-Each stop gets a slab of the box, across the way to the door. The nester fills the slab; then each
-part is pushed straight in until it meets another one or the wall, so that it can go straight out.
+One stop after the other, the nester fills the box up to a distance from the wall
+behind, without the space behind parts that are there. Then each part is pushed straight in until it meets another one
+or the wall: it can go straight out.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import trimesh
 
 from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.task import PackTask
@@ -18,6 +20,7 @@ from packit_sim.parts.handling.removal import removal_of
 from packit_sim.parts.handling.sweeps import AXES, INTO, OUT, PartSweeps
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.validity import pair_problems
@@ -31,9 +34,6 @@ not."""
 
 _FULL = 0.6
 """Share of the box's volume that the parts fill for which slabs are planned."""
-
-_PASSES = 2
-"""Times that a stop's slab is filled: what is pushed in leaves space."""
 
 _LEAST_TIME = 0.05
 """Share of the time that a stop gets at least."""
@@ -83,18 +83,17 @@ class DeliveredFilling:
         """
         placed: list[Placement] = []
         total = plain_sum(self._planned.values())
-        for number, stop in enumerate(self._stops):
-            front = self._front(placed)
-            ahead = plain_sum(self._planned[each] for each in self._stops[number:])
-            share = self._planned[stop] / ahead if ahead else 1.0
+        share = needed = 0.0
+        for stop in self._stops:
             own = {n: k for n, k in self._counts.items() if self._task.stops[n] == stop}
-            needed = self._planned[stop] / (self._area * self._densities[stop])
-            thickness = max(min(needed, (self._depth - front) * share), self._thickest(own))
-            end = self._depth if stop == self._stops[-1] else min(front + thickness, self._depth)
-            time = seconds * max(self._planned[stop] / total, _LEAST_TIME) / _PASSES
-            for _ in range(_PASSES):
-                placed, own = self._filled(placed, own, end, time, seed)
-            self._densities[stop] *= _LOOSER if own else _DENSER
+            share += self._planned[stop] / total
+            needed += self._planned[stop] / (self._area * self._densities[stop])
+            end = max(min(needed, share * self._depth), self._thickest(own))
+            end = self._depth if stop == self._stops[-1] else min(end, self._depth)
+            time = seconds * max(self._planned[stop] / total, _LEAST_TIME)
+            placed, left = self._filled(placed, own, end, time, seed)
+            self._densities[stop] *= _LOOSER if left else _DENSER
+        placed, _ = self._filled(placed, left, end, time, seed)  # pushing in left space
         return self._packing(placed)
 
     def _plan(self) -> dict[int, float]:
@@ -113,11 +112,8 @@ class DeliveredFilling:
         least = (self._task.parts[n].sides[:, self._axis].min() for n in counts)
         return float(max(least, default=0.0)) * (1 + 1e-6)
 
-    def _front(self, placed: Sequence[Placement]) -> float:
-        """Return how far parts reach towards the door."""
-        return max((self._reach(each) for each in placed), default=0.0)
-
     def _reach(self, placement: Placement) -> float:
+        """Return how far a part reaches towards the door."""
         side = self._task.types[placement.type].vertices
         along = placement.apply(side)[:, self._axis]
         return float(along.max() if self._sign > 0 else self._depth - along.min())
@@ -134,15 +130,14 @@ class DeliveredFilling:
         seed: int,
     ) -> tuple[list[Placement], dict[int, int]]:
         """Fill the box up to an end; return all parts in it, and how many are left."""
-        start = self._front(placed) + self._gap * bool(placed)
-        if end <= start:
-            return placed, dict(counts)
+        if not counts:
+            return placed, {}
         size, shift = list(self._inner.size), np.zeros(3)
-        size[self._axis] = end - start
-        shift[self._axis] = start if self._sign > 0 else self._depth - end
+        size[self._axis] = end
+        shift[self._axis] = 0.0 if self._sign > 0 else self._depth - end
         bodies = [
             replace(each, vertices=each.vertices - shift, known_volume=each.volume)
-            for each in self._inner.obstacles
+            for each in (*self._inner.obstacles, *map(self._shadow, placed))
         ]
         slab = BoxContainer((size[0], size[1], size[2]), tuple(bodies), self._inner.name)
         own = {n: k for n, k in counts.items() if slab.has_space(self._task.parts[n], 0.0)}
@@ -155,11 +150,19 @@ class DeliveredFilling:
         left = {n: k - packed[n] for n, k in counts.items() if k > packed[n]}
         return pushed, left
 
+    def _shadow(self, placement: Placement) -> ItemType:
+        """Return a convex body around a part and all behind it, where it is in the way."""
+        own = self._task.types[placement.type]
+        corners = placement.apply(own.vertices)
+        wall = corners.copy()
+        wall[:, self._axis] = 0.0 if self._sign > 0 else self._depth
+        hull = trimesh.convex.convex_hull(np.concatenate((corners, wall)))
+        return ItemType(own.name, hull.vertices, hull.faces, clearance=own.clearance)
+
     def _pushed(self, placed: list[Placement], new: list[Placement]) -> list[Placement]:
         """Push parts in behind each other; those that can't go straight out are left out."""
         sweeps = PartSweeps(self._packing([*placed, *new]))
-        numbers = range(len(placed), len(placed) + len(new))
-        order = reversed(removal_of(sweeps, numbers, door=self._door, moves=1).order)
+        order = self._order(sweeps, range(len(placed), len(placed) + len(new)))
         if self._inner.obstacles:  # they may be passed, but not be reached
             return [*placed, *(new[n - len(placed)] for n in order)]
         found, pushed = list(placed), dict.fromkeys(range(len(placed)), 0.0)
@@ -172,6 +175,17 @@ class DeliveredFilling:
                 found.append(placement)
                 items.append(self._item(placement))
         return found
+
+    def _order(self, sweeps: PartSweeps, numbers: Sequence[int]) -> list[int]:
+        """Return an order of loading, of which as little as needed is left out."""
+        kept = list(numbers)
+        while stuck := (found := removal_of(sweeps, kept, door=self._door, moves=1)).stuck:
+            blocking = Counter(n for one in stuck for n in one.by)
+            placed = sweeps.packing.placements
+            kept.remove(
+                min(blocking, key=lambda n: self._task.weights[placed[n].type] / blocking[n])
+            )
+        return list(reversed(found.order))
 
     def _distance(self, sweeps: PartSweeps, part: int, pushed: Mapping[int, float]) -> float:
         """Return how far a part can be pushed in, where others were pushed before it."""
