@@ -50,8 +50,7 @@ DRAWN_IN = 0.999
 """Scale of a part that moves: exact sweeps let parts touch."""
 
 PASSES = 100, 5
-"""Passes of a search without stops, and of each of the searches for the stops, which are about 4 for
-each stop."""
+"""Passes of a search without stops, and of each of the four or more searches for a stop."""
 
 
 def parts_of_set(seed: int) -> list[Part]:

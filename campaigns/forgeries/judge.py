@@ -465,8 +465,8 @@ class Judge:
         if limits := self._limits(record, request, placed, masses):
             true["limits"] = limits
         texts = _deliveries(request, [name for name, _, _ in placed])
-        stated = {name: summary[name] for name in ("door", "deliveries") if name in summary}
-        require(stated == texts, "the deliveries")
+        of_stops = {name: summary[name] for name in ("door", "deliveries") if name in summary}
+        require(of_stops == texts, "the deliveries")
         lines = set(summary) - {"check", "linked pairs", "door", "deliveries"}
         require(lines == {"packed", *true}, "the lines of the summary")
         convex = summary.get("linked pairs", "none")  # earlier versions have no such line

@@ -1,8 +1,8 @@
 """The filling of one box with parts for several stops, those of the last stop deepest.
 
-One stop after the other, the nester fills the box up to a distance from the wall
-behind, without the space behind parts that are there. Then each part is pushed straight in until it meets another one
-or the wall: it can go straight out.
+One stop after the other, the nester fills the box up to a distance from the wall behind, but for
+the space behind parts that are there. Then each part is pushed straight in until it meets another
+one or the wall: it can go straight out.
 """
 
 from __future__ import annotations
