@@ -70,7 +70,7 @@ WRONG = [
     ("pack good.off --box 9x9x9 --out x --clearance-z 1mm", "both above 0, and their ratio"),
     ("pack good.off --box 9x9x9 --out x --rotations some", "'some'"),
     ("pack good.off --box 9x9x9 --out x --door z-", "'z-' is not one of"),
-    ("pack good.off --box 9x9x9 --out x --order random", "'random' is not 'delivery'"),
+    ("pack good.off --box 9x9x9 --out x --order random", "'random' is not one of 'delivery'"),
     ("pack good.off --box 9x9x9 --out x --order delivery", "'good' has none; a manifest has"),
     ("pack good.off --container cylinder:9x9 --out x --door y-", "door y- is not possible in"),
     ("pack good.off --box 9x9x9 --out x --keep-out absent.stl", "keep-out"),
