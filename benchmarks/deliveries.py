@@ -194,8 +194,10 @@ def table(results: Sequence[Mapping[str, Any]]) -> str:
                 sum(each["problems"] for each in ordered),
             )
         )
-    head = ("stops", "sets", "density in any order", "by stops", "ratio (range)")
-    head += ("parts in the way, any order", "by stops", "problems")
+    head = (
+        *("stops", "sets", "density in any order", "by stops", "ratio (range)"),
+        *("parts in the way, any order", "by stops", "problems"),
+    )
     return markdown_table(head, rows)
 
 

@@ -59,7 +59,8 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
 
 def deliveries(packed: PackedParts) -> dict[str, str]:
     """Return the door of the boxes if it is not the top, and how many parts each stop gets."""
-    texts, task = {}, packed.task
+    texts: dict[str, str] = {}
+    task = packed.task
     if task.settings.door != "z+":
         texts["door"] = task.settings.door
     counts = Counter(task.stops[one.type] for _, one in packed.placements if task.stops)
