@@ -253,9 +253,9 @@ class PackTask:
             self.constraints.check_container(box.container)
         if self.settings.groups:
             self._check_groups()
-        if self.settings.order is not None and (name := self._without_stop()) is not None:
+        if self.settings.order is not None and (lacking := self._without_stop()):
             raise ArgumentError(
-                f"the order delivery needs a stop of each part: {name!r} has none; a manifest has "
+                f"the order delivery needs a stop of each part: {lacking!r} has none; a manifest has "
                 "the field 'stop'"
             )
 
