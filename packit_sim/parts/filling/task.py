@@ -255,8 +255,8 @@ class PackTask:
             self._check_groups()
         if self.settings.order is not None and (lacking := self._without_stop()):
             raise ArgumentError(
-                f"the order delivery needs a stop of each part: {lacking!r} has none; a manifest has "
-                "the field 'stop'"
+                f"the order delivery needs a stop of each part: {lacking!r} has none; a manifest "
+                "has the field 'stop'"
             )
 
     @property
