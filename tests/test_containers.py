@@ -486,7 +486,7 @@ def test_a_file_that_is_not_closed_is_one_error(tmp_path: Path) -> None:
     ("settings", "box", "message"),
     [
         ({"removable": True}, "cylinder:100x100mm", "removable is not possible in 'cylinder'"),
-        ({"stable": 1.0}, "cylinder:100x100mm", "choose insertable, or a box"),
+        ({"stable": 1.0}, "cylinder:100x100mm", "choose straight moves through the top"),
         ({"insertable": True}, "mesh", "insertable is not possible in 'container', a mesh"),
         ({"removable": True}, "mesh", "choose a box"),
     ],

@@ -54,13 +54,38 @@ def test_a_u_around_a_bar_slides_sideways() -> None:
     assert direction == ("+x" if found.order[1] == 1 else "-x") and length > 0
 
 
-def test_a_part_leaves_through_an_open_side_only_if_sides_are_open() -> None:
+def test_a_part_leaves_through_a_door_at_the_side() -> None:
     cube = cuboid((10, 10, 10), (30, 30, 30))
     beam = cuboid((0, 0, 80), (100, 100, 90))
     closed = removable(packed(cube, beam), fixed=(1,))
     assert [(one.part, one.by) for one in closed.stuck] == [(0, (1,))]
-    opened = removable(packed(cube, beam), sides=True, fixed=(1,))
-    assert opened.order == (0,) and opened.routes[0].out != "up"
+    opened = removable(packed(cube, beam), door="y-", fixed=(1,))
+    assert opened.order == (0,) and opened.routes[0].out == "-y"
+    with pytest.raises(ArgumentError, match=r"door 'z-' is not possible: choose from x-, x\+, "):
+        removable(packed(cube), door="z-")
+
+
+@pytest.mark.parametrize("door", ["x-", "x+", "y-", "y+"])
+def test_moves_through_each_door_are_those_of_the_top_turned(door) -> None:
+    """A shelf between a cube and the door: along the shelf, and out."""
+    cube, shelf = cuboid((40, 40, 0), (70, 70, 30)), cuboid((30, 30, 50), (80, 80, 60))
+    upright = removable(packed(cube, shelf), fixed=(1,))
+    sign, axis = (1 if door[1] == "+" else -1), "xyz".index(door[0])
+    turn = np.zeros((4, 4))
+    turn[axis, 2], turn[(axis + 1) % 3, 0], turn[(axis + 2) % 3, 1], turn[3, 3] = sign, 1, sign, 1
+    turn[:3, 3] = 50 - turn[:3, :3] @ (50, 50, 50)
+    own = [each.copy().apply_transform(turn) for each in (cube, shelf)]
+    found = removable(packed(*own), door=door, fixed=(1,))
+    assert found.order == (0,) == upright.order
+    assert found.routes[0].out == f"{door[1]}{door[0]}" and len(found.routes[0].moves) == 1
+    assert removable(packed(*own), door=door, moves=1, fixed=(1,)).order == ()
+
+
+def test_a_part_may_be_lowered_on_its_way_to_a_door() -> None:
+    cube = cuboid((0, 0, 60), (30, 100, 90))
+    lip = cuboid((60, 0, 50), (100, 100, 100))
+    found = removable(packed(cube, lip), door="x+", fixed=(1,))
+    assert [direction for direction, _ in found.routes[0].moves] == ["down"]
 
 
 def test_a_part_below_an_overhang_is_lifted_slid_and_lifted() -> None:

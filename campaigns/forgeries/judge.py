@@ -45,20 +45,16 @@ SETS: Mapping[str, Floats] = {
 }
 """The sets of rotations of the cases; the only other one is `free`."""
 
-UNDECIDED = ("value", "priority", "no stack", "max load", "deviation", "group")
+UNDECIDED = ("value", "priority", "no stack", "max load", "deviation", "group", "stop")
 """Fields of a requested part that the judge does not understand."""
 
 SETTINGS = (
-    "accuracy",
-    "removable",
-    "insertable",
-    "stable",
-    "constraints",
-    "separable",
-    "groups",
-    "even",
+    *("accuracy", "removable", "insertable", "stable", "constraints", "separable", "groups"),
+    *("even", "door", "order"),
 )
 """The same of the request."""
+
+DOORS = ("x-", "x+", "y-", "y+", "z+")
 
 DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
 
@@ -130,9 +126,9 @@ class Judge:
         return record
 
     def _record(self, record: Mapping[str, Any]) -> None:
-        request = {"separable": False, "groups": [], "even": False} | record[
-            "request"
-        ]  # once not recorded
+        once = {"separable": False, "groups": [], "even": False, "door": "z+", "order": None}
+        request = once | record["request"]
+        require(request["door"] in DOORS and request["order"] in (None, "delivery"), "the door")
         require(as_number(request["clearance"]) >= 0, "clearance")
         as_walls(request["wall clearance"])
         for name in ("unit", "objective", "clearance", "wall clearance"):
@@ -147,7 +143,7 @@ class Judge:
         require(request["unit"] in CENTIMETRES, "unit")
         asked = self.honest["request"]
         for name in ("objective", *SETTINGS):
-            if not is_same(request[name], asked[name]):
+            if not is_same(request[name], (once | asked)[name]):
                 self.doubts.append(f"another {name}")
         if [box["name"] for box in request["boxes"]] != [box["name"] for box in asked["boxes"]]:
             self.doubts.append("other boxes")
@@ -518,7 +514,10 @@ class Judge:
             true["powder"] = self._powder(powder, request, record["box names"], placed, masses)
         if limits := self._limits(record, request, placed, masses, volumes):
             true["limits"] = limits
-        lines = set(summary) - {"check", "linked pairs"}
+        texts = _deliveries(request, [name for name, _, _ in placed])
+        of_stops = {name: summary[name] for name in ("door", "deliveries") if name in summary}
+        require(of_stops == texts, "the deliveries")
+        lines = set(summary) - {"check", "linked pairs", "door", "deliveries"}
         require(lines == {"packed", *true}, "the lines of the summary")
         convex = summary.get("linked pairs", "none")  # earlier versions have no such line
         require(convex == "none", "the linked pairs")
@@ -588,6 +587,17 @@ class Judge:
 
 def _tolerance(longest: float, body: Body) -> float:
     return min(1e-4 * longest, 1e-3 * float((body.high - body.low).max()))
+
+
+def _deliveries(request: Mapping[str, Any], names: Sequence[str]) -> dict[str, str]:
+    """Return the lines of the summary on the door, and on the stops of packed parts."""
+    texts = {} if request["door"] == "z+" else {"door": str(request["door"])}
+    if request["order"] is not None:
+        stops = {each["name"]: each.get("stop") for each in request["parts"]}
+        require(all(type(stops[name]) is int for name in names), "a part without a stop")
+        counts = sorted(Counter(stops[name] for name in names).items())
+        texts["deliveries"] = ", ".join(f"stop {stop}: {count}" for stop, count in counts)
+    return texts
 
 
 def _own_clearance(part: Mapping[str, Any]) -> float:

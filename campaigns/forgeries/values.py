@@ -33,6 +33,7 @@ TYPES: Mapping[str, tuple[type, ...]] = {
     "group": (str, NoneType),
     "max tilt": (float,),
     "down": (list,),
+    "stop": (int, NoneType),
 }
 """The types of the fields of a requested part; an integer is a float, too."""
 
@@ -49,6 +50,7 @@ ABSENT: Mapping[str, Any] = {
     "group": None,
     "max tilt": 180.0,
     "down": list(SIDES),
+    "stop": None,
 }
 """Fields of a requested part that earlier versions did not write, with what that means."""
 
@@ -62,6 +64,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "deviation": (0, 1e30),
     "clearance": (0, 1e30),
     "max tilt": (0, 180),
+    "stop": (1, 10_000),
 }
 
 UPS: Mapping[str, Floats] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -22,7 +22,7 @@ from packit_sim.cli.options import (
     read_seconds,
 )
 from packit_sim.cli.stopping import RESUMABLE, stoppable
-from packit_sim.core.choices import Goal
+from packit_sim.core.choices import Door, Goal, LoadingOrder
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.length_units import Unit
@@ -100,7 +100,17 @@ def pack_command(
         bool, typer.Option("--removable", help="Every part can be taken out by straight moves.")
     ] = False,
     insertable: Annotated[
-        Literal["top"] | None, typer.Option(help="Every part can be put in straight down.")
+        bool, typer.Option("--insertable", help="Every part can be put in by one straight move.")
+    ] = False,
+    door: Annotated[
+        Door, typer.Option(help="Side of the box through which parts come in; z+ is the top.")
+    ] = "z+",
+    order: Annotated[
+        LoadingOrder | None,
+        typer.Option(
+            help="delivery: parts of a later stop never stand between those of an earlier one and "
+            "the door."
+        ),
     ] = None,
     separable: Annotated[
         bool,
@@ -211,9 +221,9 @@ def pack_command(
     reading, and as far as possible the check and all files.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
-    no_stack (yes: nothing may rest on it), max_load (g), clearance, group, max_tilt, down, unit and
-    name. Parts of a higher priority are packed first. Parts that break a constraint are left out,
-    with the reason.
+    no_stack (yes: nothing may rest on it), max_load (g), clearance, group, max_tilt, down, stop,
+    unit and name. Parts of a higher priority are packed first. Parts that break a constraint are
+    left out, with the reason.
 
     Example: packit pack parts/*.stl --box 300x200x150mm --out packed
 
@@ -236,7 +246,9 @@ def pack_command(
         wall_clearance=distances.read_wall_clearance(wall_clearance, length),
         accuracy=None if accuracy is None else units.lengths(accuracy, 1, length)[0],
         removable=removable,
-        insertable=insertable == "top",
+        insertable=insertable,
+        door=door,
+        order=order,
         separable=separable,
         stable=None if stable is None else units.lengths(stable, 1, length)[0],
         boxes=boxes,

@@ -14,9 +14,15 @@ BoxStyle = Literal["edges", "ghost", "none"]
 ColoringName = Literal["item", "category", "order", "share", "stability"]
 """What the colours of items mean."""
 
+Door = Literal["x-", "x+", "y-", "y+", "z+"]
+"""Sides of a box through which parts come in: an axis, and its lower or upper end."""
+
 Goal = Literal["volume", "count", "value", "height", "boxes"]
 GroupRule = Literal["together", "apart", "kit"]
 """Objectives: most volume, parts or value; or all parts, lowest or in the fewest boxes."""
+
+LoadingOrder = Literal["delivery"]
+"""Orders of loading: the reverse of the stops at which parts are delivered."""
 
 RotationSet = Literal["all", "yaw"]
 """Sets of rotations: all 24, or the four about the vertical axis."""

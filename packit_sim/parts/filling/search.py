@@ -9,7 +9,7 @@ import threading
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.balance import centred, nest_balance
 from packit_sim.parts.filling.block_lattices import latticed
 from packit_sim.parts.filling.candidates import candidate
+from packit_sim.parts.filling.delivered_filling import DeliveredFilling
 from packit_sim.parts.filling.grouped_filling import GroupedFilling
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.shelves import shelved
@@ -46,6 +47,9 @@ _REPEATS = 4
 
 _LATTICE_TIME = 0.3
 """Share of the time for a box in which lattices are put into it, at most."""
+
+_ROUNDS = 4
+"""Times that a box is filled with parts for several stops, at least if there is time."""
 
 _STEPS = 0.08, 0.005
 """Shares by which a height is lowered at a time, at first and at last."""
@@ -194,7 +198,7 @@ class PackingSearch:
     def _nest_all(self, counts: Mapping[int, int]) -> None:
         objective, first = self._task.objective, self._task.boxes[0]
         is_plain = not any(self._bodies(b) or not b.limits.is_empty for b in self._task.boxes)
-        is_plain = is_plain and not self._task.settings.groups
+        is_plain = is_plain and not (self._task.settings.groups or self._task.stops)
         may_be_together = objective == "boxes" and is_plain and self._task.stretch == 1
         if may_be_together and self._can_all_fit(counts):
             self._fill_together(counts)
@@ -316,11 +320,15 @@ class PackingSearch:
             consider(start)
             if most.total() == sum(counts.values()) and best is not None and best.count == total:
                 return start, most
+        stops = self._delivered(box, counts) if self._task.stops else None
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
             seed = self._seed + _NEXT_SEED * number
-            inner = self._inner(box)
-            self._nest(inner, "knapsack", counts, end - before, better, start, seed, box.limits)
+            if stops is not None:
+                better(stops.fill(min(seconds / _ROUNDS, end - before), seed))
+            else:
+                inner, left = self._inner(box), end - before
+                self._nest(inner, "knapsack", counts, left, better, start, seed, box.limits)
             start = None
             now = clock.perf_counter()
             is_over = self._stopped.is_set() or now + (now - before) > end
@@ -338,6 +346,19 @@ class PackingSearch:
         end = clock.perf_counter() + _LATTICE_TIME * seconds
         own = self._allowed(box, counts)
         return latticed(self._task, box, own, self._bodies(box), lambda: clock.perf_counter() > end)
+
+    def _delivered(self, box: BoxType, counts: Mapping[int, int]) -> DeliveredFilling:
+        """Return the filling of a box with parts for several stops."""
+
+        def fill(
+            slab: BoxContainer, some: Mapping[int, int], seconds: float, seed: int
+        ) -> Packing | None:
+            found: list[Packing] = []
+            with suppress(NestingError):
+                self._nest(slab, "knapsack", some, seconds, found.append, seed=seed)
+            return found[-1] if found else None
+
+        return DeliveredFilling(self._task, self._inner(box), self._allowed(box, counts), fill)
 
     def _fill_together(self, counts: Mapping[int, int]) -> None:
         """Search for the fewest boxes, of one size or of several that there are enough of."""

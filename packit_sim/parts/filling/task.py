@@ -13,13 +13,14 @@ import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer, check_range
-from packit_sim.core.choices import Goal, SearchBackend
+from packit_sim.core.choices import Door, Goal, LoadingOrder, SearchBackend
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.parallel import check_search_workers
 from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.groups import GROUP_RULES
 from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
+from packit_sim.parts.handling.sweeps import check_door
 from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.bounds import (
     COUNTS,
@@ -70,7 +71,7 @@ class PackSettings:
     removable : bool
         Whether every part can be taken out of its box by straight moves, in some order.
     insertable : bool
-        Whether every part can be put in straight down, in some order.
+        Whether every part can be put in by one straight move, in some order.
     stable : float, optional
         The largest distance that a part may move under gravity at any stage of packing.
     keep_out : sequence of Part, Path or str
@@ -108,6 +109,11 @@ class PackSettings:
     even : bool
         Whether parts move after the search, none above the highest one, until the packed area
         varies less over the height.
+    door : str
+        The side through which parts come in and leave: "x-", "x+", "y-", "y+", or "z+", the top.
+    order : str, optional
+        "delivery": every part has a stop. The parts of each stop can go straight out through the
+        door, one after another, while those of all later stops are in place.
 
     Raises
     ------
@@ -157,6 +163,8 @@ class PackSettings:
     groups: Sequence[str] = ()
     powder: Powder | None = None
     even: bool = False
+    door: Door = "z+"
+    order: LoadingOrder | None = None
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
@@ -175,6 +183,8 @@ class PackSettings:
         for rule in self.groups:
             known = f"choose from {', '.join(GROUP_RULES)}"
             check_range("rule of groups", rule, (rule in GROUP_RULES, known))
+        check_door(self.door)
+        check_range("order", self.order, (self.order in (None, "delivery"), "choose delivery"))
         check_search_workers(self.workers, self.backend, self.address)
 
 
@@ -262,6 +272,11 @@ class PackTask:
                 raise ArgumentError(f"a powder needs a box or a cylinder, not {box.name!r}, a mesh")
         if self.settings.groups:
             self._check_groups()
+        if self.settings.order is not None and (lacking := self._without_stop()):
+            raise ArgumentError(
+                f"the order delivery needs a stop of each part: {lacking!r} has none; a manifest "
+                "has the field 'stop'"
+            )
 
     @property
     def unit(self) -> Unit:
@@ -323,6 +338,8 @@ class PackTask:
             removable=settings.removable,
             insertable=settings.insertable,
             separable=settings.separable,
+            door=settings.door,
+            stops=self.stops,
             stable=settings.stable,
             no_stack=frozenset(n for n, one in enumerate(parts) if one.no_stack),
             max_loads=max_loads,
@@ -333,6 +350,17 @@ class PackTask:
             fixed=frozenset(range(len(self.fixed))),
             metres=centimetres / 100,
         )
+
+    @cached_property
+    def stops(self) -> dict[int, int]:
+        """The stop of each part, by its number, if they are delivered; else empty."""
+        if self.settings.order is None:
+            return {}
+        return {n: each.part.stop for n, each in enumerate(self.parts) if each.part.stop}
+
+    def _without_stop(self) -> str | None:
+        """Return the name of a part that has no stop."""
+        return next((each.part.name for each in self.parts if each.part.stop is None), None)
 
     def _check_groups(self) -> None:
         """Raise ArgumentError if the rules of groups are not possible."""
@@ -492,6 +520,8 @@ class PackTask:
         numbers += () if settings.clearance_z is None else (settings.clearance_z,)
         numbers += (settings.accuracy, self.unit)
         numbers += (sorted(settings.groups),) if settings.groups else ()
+        loading = settings.door, settings.order
+        numbers += () if loading == ("z+", None) else loading
         boxes = [
             (box.name, box.size, box.count, *(() if box.limits.is_empty else (box.limits,)))
             for box in self.boxes

@@ -27,7 +27,8 @@ class BrokenConstraint:
     Attributes
     ----------
     constraint : str
-        Its name: "removable", "insertable", "separable", "no_stack", "max_load" or "stable".
+        Its name: "removable", "insertable", "delivery", "separable", "no_stack", "max_load" or
+        "stable".
     part : int
         The number of the part's placement.
     others : tuple of int
@@ -86,10 +87,9 @@ def broken_by_geometry(
         Those that are broken.
     """
     found, packing, fixed = [], sweeps.packing, constraints.fixed
-    if constraints.removable or constraints.insertable:
-        name = "insertable" if constraints.insertable else "removable"
-        verb = "put in straight down" if constraints.insertable else "taken out"
+    if constraints.removable or constraints.is_straight:
         for stuck in removal_for(sweeps, kept, constraints).stuck:
+            name, verb = _move(packing, stuck.part, constraints)
             way = _subject(packing, stuck.by)
             sentence = f"{_name(packing, stuck.part)} can't be {verb}: {way} in the way"
             found.append(BrokenConstraint(name, stuck.part, stuck.by, sentence))
@@ -149,6 +149,18 @@ def broken_by_motion(
             sentence = f"{name} moves by {moved[part]:.3g}{after if new != part else ''}: "
             others = () if new == part else (new,)
             yield stage, BrokenConstraint("stable", part, others, f"{sentence}at most {most:.3g}")
+
+
+def _move(packing: Packing, part: int, constraints: Constraints) -> tuple[str, str]:
+    """Return the constraint on the moves of a part, and what it asks for."""
+    stop = constraints.stops.get(packing.placements[part].type)
+    if stop is not None:
+        return "delivery", f"taken straight out at stop {stop}"
+    if not constraints.insertable:
+        return "removable", "taken out"
+    is_top = constraints.door == "z+"
+    way = "straight down" if is_top else f"straight through the door {constraints.door}"
+    return "insertable", f"put in {way}"
 
 
 def _name(packing: Packing, part: int) -> str:

@@ -8,7 +8,9 @@ from types import MappingProxyType
 from typing import Protocol
 
 from packit_sim.core.checks import Range, check_range
+from packit_sim.core.choices import Door
 from packit_sim.core.errors import ArgumentError
+from packit_sim.parts.handling.sweeps import check_door
 from packit_sim.parts.packings.bounds import LENGTHS, LOADS
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.containers import Container
@@ -44,14 +46,17 @@ class Constraints:
     removable : bool
         Whether every part can be taken out by straight moves (see `removal`).
     insertable : bool
-        Whether every part can be put in straight down, in some order.
+        Whether every part can be put in straight through the door, in some order.
     separable : bool
         Whether every part can be moved out without turning, in some order (see `separability`).
-    sides : bool
-        Whether parts may also leave through the sides of the box.
+    door : str
+        The side of the box through which parts come in and leave, by default the top.
     stable : float, optional
         The largest distance that a part may move under gravity at any stage of packing, in the
         container's unit (see `stability`).
+    stops : mapping of int to int
+        The stop at which parts of each type are delivered, by its number; empty if they are not.
+        Parts of a stop go straight out through the door while those of all later stops are there.
     no_stack : frozenset of int
         The numbers of the types on which nothing may rest (see `supports`).
     max_loads : mapping of int to float
@@ -75,7 +80,8 @@ class Constraints:
     removable: bool = False
     insertable: bool = False
     separable: bool = False
-    sides: bool = False
+    door: Door = "z+"
+    stops: Mapping[int, int] = field(default_factory=lambda: MappingProxyType({}))
     stable: float | None = None
     no_stack: frozenset[int] = frozenset()
     max_loads: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
@@ -85,6 +91,7 @@ class Constraints:
     physics: PhysicsSettings | None = None
 
     def __post_init__(self) -> None:
+        check_door(self.door)
         if self.stable is not None:
             check_range("stable", self.stable, LENGTHS)
         check_range("metres", self.metres, LENGTHS)
@@ -98,8 +105,13 @@ class Constraints:
     @property
     def is_empty(self) -> bool:
         """True if every valid packing meets them."""
-        has_moves = self.removable or self.insertable or self.separable
+        has_moves = self.removable or self.is_straight or self.separable
         return not (has_moves or self.stable is not None or self.no_stack or self.max_loads)
+
+    @property
+    def is_straight(self) -> bool:
+        """True if every part comes in by one straight move."""
+        return self.insertable or len(self.stops) > 0
 
     def masses_in(self, packing: Packing) -> list[float]:
         """Return the grams of each placed part; 0 if they are not known."""
@@ -113,14 +125,16 @@ class Constraints:
             "removable": self.removable,
             "stable": self.stable is not None,
             "insertable": self.insertable and form == "mesh",
+            "delivery": bool(self.stops) and form == "mesh",
+            f"door {self.door}": self.door != "z+",
             "no_stack": bool(self.no_stack) and form == "mesh",
             "max_load": bool(self.max_loads) and form == "mesh",
         }
         for name, is_asked in asked.items():
             if is_asked and form != "box":
-                choice = "insertable, or a box" if form == "cylinder" else "a box"
+                top = "straight moves through the top, or " if form == "cylinder" else ""
                 raise ArgumentError(
-                    f"{name} is not possible in {container.name!r}, a {form}: choose {choice}"
+                    f"{name} is not possible in {container.name!r}, a {form}: choose {top}a box"
                 )
 
     def check_numbers(self, packing: Packing) -> None:

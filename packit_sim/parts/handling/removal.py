@@ -9,16 +9,27 @@ is stuck.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from packit_sim.core.checks import Range, check_range
+from packit_sim.core.choices import Door
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
-from packit_sim.parts.handling.sweeps import AXES, SIDEWAYS, Direction, PartSweeps, sweeps_of
+from packit_sim.parts.handling.sweeps import (
+    AXES,
+    OUT,
+    SIDEWAYS,
+    Direction,
+    PartSweeps,
+    check_door,
+    sweeps_of,
+)
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.packing import Packing
 
@@ -57,8 +68,8 @@ class StuckPart:
     part : int
         The number of its placement.
     by : tuple of int
-        The numbers of the remaining parts that are above it; with open sides, also of those that
-        are next to it, and where any way out counts (see `separability`), of those around it.
+        The numbers of the remaining parts between it and the door; where any way out counts (see
+        `separability`), of those around it.
     is_proven : bool
         Whether it is certain that there is no way out; otherwise none was found.
     """
@@ -93,19 +104,19 @@ class Removal:
 
 
 def removable(
-    packing: Packing, *, sides: bool = False, moves: int = MOVES, fixed: Collection[int] = ()
+    packing: Packing, *, door: Door = "z+", moves: int = MOVES, fixed: Collection[int] = ()
 ) -> Removal:
     """Search for an order in which all parts of a packing can be taken out by straight moves.
 
     Parameters
     ----------
     packing : Packing
-        The packing, whose boxes are open at the top.
-    sides : bool, default: False
-        Whether parts may also leave through the sides.
+        The packing.
+    door : str, default: "z+"
+        The side of its boxes that is open, such as "x-"; by default the top.
     moves : int, default: 3
         Largest number of straight moves of a part, the last of which leads out of the box; 1 for
-        parts that are lifted straight up, so that they can be put in straight down.
+        parts that go straight out, so that they can be put in straight.
     fixed : collection of int
         Numbers of placements that stay where they are, such as parts that belong to the box.
 
@@ -117,27 +128,29 @@ def removable(
     Raises
     ------
     ArgumentError
-        If `moves` is not 1 to 3, or the container is no box: in a cylinder parts can only be
-        lifted straight up.
+        If `moves` is not 1 to 3, there is no such door, or the container is no box: in a cylinder
+        parts can only be lifted straight up.
     """
     check_range("moves", moves, Range(1, MOVES))
+    check_door(door)
     form = form_of(packing.container)
-    if form == "mesh" or (form == "cylinder" and (moves > 1 or sides)):
-        choice = "moves=1, or a box" if form == "cylinder" else "a box"
+    if form == "mesh" or (form == "cylinder" and (moves > 1 or door != "z+")):
+        choice = "moves=1 through the top, or a box" if form == "cylinder" else "a box"
         raise ArgumentError(
             f"the removal from {packing.container.name!r}, a {form}, is not known: choose {choice}"
         )
     sweeps = sweeps_of(packing)
-    return removal_of(sweeps, range(len(sweeps)), sides=sides, moves=moves, fixed=fixed)
+    return removal_of(sweeps, range(len(sweeps)), door=door, moves=moves, fixed=fixed)
 
 
 def removal_of(
     sweeps: PartSweeps,
     kept: Sequence[int],
     *,
-    sides: bool = False,
+    door: Door = "z+",
     moves: int = MOVES,
     fixed: Collection[int] = (),
+    stops: Mapping[int, int] = MappingProxyType({}),
 ) -> Removal:
     """Search for an order in which some parts of a packing, alone in it, can be taken out.
 
@@ -147,12 +160,15 @@ def removal_of(
         The parts of the packing.
     kept : sequence of int
         The numbers of the parts that are in it.
-    sides : bool, default: False
-        Whether parts may also leave through the sides.
+    door : str, default: "z+"
+        The side of its boxes that is open.
     moves : int, default: 3
         Largest number of straight moves of a part.
     fixed : collection of int
         The numbers of parts that stay where they are.
+    stops : mapping of int to int
+        The stop at which parts of a type are delivered, by its number: those of an earlier stop
+        are taken out before all others. What is stuck at its stop is no obstacle after it.
 
     Returns
     -------
@@ -162,21 +178,21 @@ def removal_of(
     order: list[int] = []
     routes: list[Route] = []
     stuck: list[StuckPart] = []
-    outs: tuple[Direction, ...] = ("up", *SIDEWAYS) if sides else ("up",)
-    boxes = {sweeps.packing.placements[n].box for n in kept}
-    for box in sorted(boxes):
-        left = [n for n in kept if sweeps.packing.placements[n].box == box]
-        left.sort(key=lambda n: (-sweeps.low[n, 2], -sweeps.high[n, 2], n))
-        while True:
-            loose = [n for n in left if n not in fixed]
-            found = next(_free(sweeps, loose, left, outs, moves), None)
-            if found is None:
-                break
+    outs = (OUT[door],)
+    placed = sweeps.packing.placements
+    stages = {(placed[n].box, stops.get(placed[n].type, 0)) for n in kept if n not in fixed}
+    left = sorted(kept, key=lambda n: (-sweeps.low[n, 2], -sweeps.high[n, 2], n))
+    for stage in sorted(stages):
+        there = [n for n in left if placed[n].box == stage[0]]
+        loose = [n for n in there if n not in fixed and stops.get(placed[n].type, 0) == stage[1]]
+        while found := next(_free(sweeps, loose, there, outs, moves), None):
             part, route = found
-            left.remove(part)
+            for numbers in (loose, there, left):
+                numbers.remove(part)
             order.append(part)
             routes.append(route)
-        stuck += [StuckPart(n, _blockers(sweeps, n, left, outs)) for n in loose]
+        stuck += [StuckPart(n, _blockers(sweeps, n, there, outs)) for n in loose]
+        left = [n for n in left if n not in loose]
     return Removal(tuple(order), tuple(routes), tuple(stuck))
 
 
@@ -184,14 +200,14 @@ def _free(
     sweeps: PartSweeps,
     loose: Sequence[int],
     left: Sequence[int],
-    outs: Sequence[Direction],
+    outs: tuple[Direction, ...],
     moves: int,
 ) -> Iterator[tuple[int, Route]]:
     """Yield parts that can be taken out, those with the fewest moves first."""
     there = frozenset(left)
     for number in range(1, moves + 1):
         for part in loose:
-            key = part, number, len(outs) > 1
+            key = part, number, outs
             if key in sweeps.held and sweeps.held[key] <= there:
                 continue
             search = _Search(sweeps, part, left, outs)
@@ -224,6 +240,12 @@ def route_out(sweeps: PartSweeps, part: int, others: Sequence[int]) -> Route | N
     return next((route for route in routes if route is not None), None)
 
 
+def _sideways(out: Direction) -> tuple[Direction, ...]:
+    """Return the directions across another one."""
+    directions: tuple[Direction, ...] = (*SIDEWAYS, "up", "down")
+    return tuple(each for each in directions if AXES[each][0] != AXES[out][0])
+
+
 _Way = tuple[tuple[tuple[Direction, float], ...], Floats]
 """Moves, and the shift (3,) to which they lead, relative to the longest side."""
 
@@ -241,6 +263,8 @@ class _Search:
         self._part = part
         self._left = left
         self._outs = outs
+        self._forward = outs[0]
+        self._sideways = _sideways(outs[0])
         self.holding: set[int] = set()
 
     def route(self, moves: int) -> Route | None:
@@ -258,10 +282,10 @@ class _Search:
             return
         for before, shift in self._ways(moves - 1):
             last = AXES[before[-1][0]][0] if before else None
-            for direction in ("up", *SIDEWAYS):
+            for direction in (self._forward, *self._sideways):
                 axis, sign = AXES[direction]
-                if axis == last or (direction == "up" and before):
-                    continue  # after a slide, a lift is of use only if it leads out
+                if axis == last or (direction == self._forward and before):
+                    continue  # after a slide, a move to the door is of use only if it leads out
                 for length in self._stops(direction, shift):
                     there = shift.copy()
                     there[axis] += sign * length
@@ -273,8 +297,9 @@ class _Search:
         axis, sign = AXES[direction]
         low, high = sweeps.low[part] + shift, sweeps.high[part] + shift
         reach = float(low[axis] if sign < 0 else sweeps.size[axis] - high[axis])
-        if direction == "up":  # the box is open: as far as the part is above all others
-            reach = max(max(float(sweeps.high[n, 2]) for n in self._left) - float(low[2]), 0.0)
+        if direction == self._forward or reach == math.inf:  # open: until the part is past others
+            ahead = [sweeps.high[n] - low if sign > 0 else high - sweeps.low[n] for n in self._left]
+            reach = max(0.0, *(float(each[axis]) for each in ahead))
         for other, gap in sweeps.in_the_way(part, self._left, direction, shift):
             if gap >= reach or reach <= CONTACT_TOLERANCE:
                 break
@@ -285,8 +310,8 @@ class _Search:
         if reach <= CONTACT_TOLERANCE:
             return []
         others = [n for n in self._left if n != part]
-        if direction != "up":
-            others = [n for n, _ in sweeps.in_the_way(part, others, "up", shift)][:_ENDS]
+        if direction != self._forward:
+            others = [n for n, _ in sweeps.in_the_way(part, others, self._forward, shift)][:_ENDS]
         if sign > 0:
             ends = np.r_[
                 sweeps.high[others, axis] - low[axis], sweeps.low[others, axis] - high[axis]

@@ -15,6 +15,8 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.caches import bounded_cache
+from packit_sim.core.choices import Door
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.deviation import Surface
 from packit_sim.parts.packings import checked_items
@@ -24,6 +26,12 @@ from packit_sim.placement import AxisNumber, cyclic, least_rise
 Direction = Literal["up", "+x", "-x", "+y", "-y", "down"]
 
 SIDEWAYS: tuple[Direction, ...] = ("+x", "-x", "+y", "-y")
+
+OUT: dict[Door, Direction] = {"x-": "-x", "x+": "+x", "y-": "-y", "y+": "+y", "z+": "up"}
+"""The direction in which parts leave through each door."""
+
+INTO: dict[Door, Direction] = {"x-": "+x", "x+": "-x", "y-": "+y", "y+": "-y", "z+": "down"}
+"""The direction in which they come in."""
 
 AXES: dict[Direction, tuple[AxisNumber, int]] = {
     "up": (2, 1),
@@ -41,6 +49,12 @@ _ANY = 1e9
 _HERE = np.zeros(3)
 
 
+def check_door(door: str) -> None:
+    """Raise ArgumentError if there is no such door."""
+    if door not in OUT:
+        raise ArgumentError(f"door {door!r} is not possible: choose from {', '.join(OUT)}")
+
+
 class PartSweeps:
     """The parts of a packing, and the distances that each can move (see `sweeps_of`).
 
@@ -56,8 +70,8 @@ class PartSweeps:
     low, high : ndarray of float64, shape (n, 3)
         The corners of the parts' bounding boxes.
     held : dict
-        The parts that hold a part, by its number, a number of moves, and whether sides are open:
-        while all of them are there, it can't be taken out (see `removal`).
+        The parts that hold a part, by its number, a number of moves, and the directions out of the
+        box: while all of them are there, it can't be taken out (see `removal`).
     ways_out : dict
         The known ways out of each part, each with the parts that stay (see `ways_out`).
     """
@@ -78,7 +92,7 @@ class PartSweeps:
         self._surfaces: dict[tuple[int, bytes, float, float, AxisNumber], Surface] = {}
         self._distances: dict[tuple[int, int, AxisNumber, bytes], float] = {}
         self._meetings: dict[tuple[int, int, AxisNumber, bytes], bool] = {}
-        self.held: dict[tuple[int, int, bool], frozenset[int]] = {}
+        self.held: dict[tuple[int, int, tuple[Direction, ...]], frozenset[int]] = {}
         self.ways_out: dict[int, list[tuple[frozenset[int], Any]]] = {}
 
     def __len__(self) -> int:

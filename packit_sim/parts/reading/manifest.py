@@ -73,6 +73,7 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
     "group": str,
     "max_tilt": read_angle,
     "down": read_sides,
+    "stop": int,
 }
 """The fields of a part."""
 

@@ -116,6 +116,8 @@ class Part:
         The group of parts that it belongs to, such as an order or a material.
     turning : Turning
         Limits on how it may turn, after its up axis has become z.
+    stop : int, optional
+        The stop at which it is delivered, from 1 on, for the order "delivery".
 
     Raises
     ------
@@ -156,6 +158,7 @@ class Part:
     clearance: float | None = None
     group: str | None = None
     turning: Turning = ANY_TURN
+    stop: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", plain_line(self.name))
@@ -166,6 +169,8 @@ class Part:
         check_range(f"{where} count", count, COUNTS)
         priority = as_integer(f"{where} priority", self.priority)
         check_range(f"{where} priority", priority, PRIORITIES)
+        if self.stop is not None:
+            check_range(f"{where} stop", as_integer(f"{where} stop", self.stop), COUNTS)
         for name, valid in _BOUNDS.items():
             if getattr(self, name) is not None:
                 check_range(f"{where} {name}", getattr(self, name), valid)
@@ -216,6 +221,8 @@ class Part:
             sha.update(repr(("group", self.group)).encode())
         if self.turning != ANY_TURN:
             sha.update(repr(self.turning).encode())
+        if self.stop is not None:
+            sha.update(repr(("stop", self.stop)).encode())
         return sha.hexdigest()
 
     @property

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from packit_sim.core.choices import Door
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import BoxState, PosedItem
@@ -16,7 +17,7 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.order import require_known_ways, ways_in
 from packit_sim.parts.handling.removal import Route
-from packit_sim.parts.handling.sweeps import AXES, sweeps_of
+from packit_sim.parts.handling.sweeps import AXES, OUT, sweeps_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import contents, outline_items
 from packit_sim.parts.results.pictures import OUTLINE_COLOR
@@ -37,8 +38,8 @@ _SIDE = 4.0
 _SPEED = 5.0
 """Box units a second."""
 
-_ABOVE = 0.4
-"""Distance above the box at which parts begin, in box units."""
+_BEFORE = 0.4
+"""Distance from the box at which parts begin, in box units."""
 
 _REST = 1.5
 """Seconds after the last part."""
@@ -79,8 +80,8 @@ def film_packing(
     packing : Packing
         The parts in one box.
     constraints : Constraints, optional
-        The constraints that the packing meets: whether parts come straight down, and which are
-        fixed.
+        The constraints that the packing meets: the door through which parts come in and by which
+        moves, the stops at which they are delivered, and which are fixed.
 
     Returns
     -------
@@ -109,7 +110,7 @@ def film_packing(
     ways += [_way(item, routes.get(n), scale) for n, item in zip(order, whole.placed, strict=True)]
     first = len(lines) + len(met.fixed)
     look = Look(box="none", coloring=_with_lines) if lines else DEFAULT_LOOK
-    frames = [(look, layout) for layout in _layouts(items, ways, first)]
+    frames = [(look, layout) for layout in _layouts(items, ways, first, met.door)]
     video.write(path, films.shot(BoxState(whole.cells, tuple(items)), frames, *SIZE), FPS)
     return Path(path)
 
@@ -127,15 +128,19 @@ def _way(item: PosedItem, route: Route | None, scale: float) -> Floats:
             axis, sign = AXES[direction]
             places.append(places[-1] + np.eye(3)[axis] * sign * length * scale)
         axis, sign = AXES[route.out]
-        places.append(places[-1] + np.eye(3)[axis] * sign * (_SIDE + _ABOVE))
+        places.append(places[-1] + np.eye(3)[axis] * sign * (_SIDE + _BEFORE))
     return np.array(places[::-1])
 
 
-def _layouts(items: list[PosedItem], ways: list[Floats], first: int) -> Iterator[Layout]:
+def _layouts(
+    items: list[PosedItem], ways: list[Floats], first: int, door: Door
+) -> Iterator[Layout]:
     """Yield where the items are in each frame; the first ones are there from the start."""
     vertices = np.concatenate([item.vertices for item in items])
     low, sides = vertices.min(axis=0), np.ptp(vertices, axis=0)
-    points = low + corners(sides + np.array((0, 0, _ABOVE)))
+    axis, sign = AXES[OUT[door]]
+    before = np.eye(3)[axis] * _BEFORE  # the space in which parts begin
+    points = low - before * (sign < 0) + corners(sides + before)
     poses: list[Motion | None] = [item.pose if n < first else None for n, item in enumerate(items)]
     for n, way in enumerate(ways[first:], start=first):
         lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)

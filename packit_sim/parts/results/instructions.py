@@ -5,14 +5,14 @@ from __future__ import annotations
 import base64
 import io
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
 
 from packit_sim.core import templates
-from packit_sim.core.choices import BoxStyle
+from packit_sim.core.choices import BoxStyle, Door
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
@@ -27,7 +27,12 @@ from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import contents, outline_items
-from packit_sim.parts.results.wording import place_in_words, turn_in_words, way_in_words
+from packit_sim.parts.results.wording import (
+    DOORS,
+    place_in_words,
+    turn_in_words,
+    way_in_words,
+)
 from packit_sim.render.cameras import Camera
 from packit_sim.render.coloring import Color, Colors
 from packit_sim.render.defaults import RGB
@@ -52,6 +57,12 @@ _COLORS = 128
 FROM_THE_FRONT = Camera(azimuth=-68.0, elevation=32.0)
 """The front wall, y = 0, and a little of the right one."""
 
+FROM_THE_DOOR: Mapping[Door, Camera] = {
+    "x-": Camera(azimuth=-125.0, elevation=32.0),
+    "x+": Camera(azimuth=-55.0, elevation=32.0),
+}
+"""The same for doors that it does not show well."""
+
 OTHER_VIEWS = Camera(azimuth=-112.0, elevation=32.0), Camera(azimuth=-68.0, elevation=60.0)
 """Cameras for steps whose part other parts hide: from the left, and from higher up."""
 
@@ -72,6 +83,8 @@ class Step:
         From 1 on, in its box.
     name : str
         The part's name.
+    stop : int, optional
+        The stop at which it is delivered.
     turn, way, place : str
         How to turn it, how to put it in, and where it is then.
     picture, above, own, turned : str
@@ -80,6 +93,7 @@ class Step:
 
     number: int
     name: str
+    stop: int | None
     turn: str
     way: str
     place: str
@@ -99,15 +113,18 @@ class BoxSteps:
         The name of the box.
     size : str
         Its sides, with the unit.
-    parts : tuple of (str, int)
-        The names of its parts, and how many of each.
+    door : str
+        Where parts come in.
+    parts : tuple of (str, int or None, int)
+        The names of its parts, the stop of each, and how many of it.
     picture : str
         The packed box, as a data URI.
     """
 
     name: str
     size: str
-    parts: tuple[tuple[str, int], ...]
+    door: str
+    parts: tuple[tuple[str, int | None, int], ...]
     steps: tuple[Step, ...]
     picture: str
 
@@ -158,8 +175,9 @@ def packing_instructions(
     unit : str, default: "mm"
         The name of the unit of length.
     constraints : Constraints, optional
-        The constraints that the packings meet: whether parts come straight down or through the
-        sides. The fixed parts are in the box from the start, if there is one packing.
+        The constraints that the packings meet: the door through which parts come in and by which
+        moves, and the stops at which they are delivered. The fixed parts are in the box from the
+        start, if there is one packing.
 
     Returns
     -------
@@ -209,13 +227,14 @@ def _box(
     whole, lines = contents(packing, order), outline_items(packing)
     box: BoxStyle = "none" if lines else "edges"
     start = len(fixed.intersection(own))
+    front = FROM_THE_DOOR.get(constraints.door, FROM_THE_FRONT)
     steps = []
     alone: dict[tuple[str, bytes], str] = {}
     with Scene(BoxState(whole.cells, ())) as scene:
         for n, part in enumerate(order[start:], start=start):
             placement, item = packing.placements[part], whole.placed[n]
             scene.update(BoxState(whole.cells, (*lines, *whole.placed[: n + 1])))
-            picture = _step_picture(scene, n + len(lines), box)
+            picture = _step_picture(scene, n + len(lines), box, front)
             from_above = Look(FROM_ABOVE, WHITE, box, coloring=_new)
             above = _data(scene.snapshot(*SMALL, from_above).image)
             file = _alone(scene, _as_in_file(item), alone)
@@ -229,6 +248,7 @@ def _box(
                 Step(
                     n + 1 - start,
                     packing.types[placement.type].name,
+                    constraints.stops.get(placement.type),
                     turn_in_words(placement.pose.rotation),
                     way,
                     place_in_words(sweeps.low[part] * sweeps.unit, unit),
@@ -239,10 +259,11 @@ def _box(
                 )
             )
         scene.update(BoxState(whole.cells, (*whole.placed, *lines)))
-        last = _data(scene.snapshot(*LARGE, Look(FROM_THE_FRONT, WHITE, box)).image)
-    counts = Counter(packing.types[packing.placements[n].type].name for n in order[start:])
-    size = _size(packing.container, unit)
-    return BoxSteps(name, size, tuple(counts.items()), tuple(steps), last)
+        last = _data(scene.snapshot(*LARGE, Look(front, WHITE, box)).image)
+    counts = Counter((step.name, step.stop) for step in steps)
+    parts = tuple((*each, count) for each, count in counts.items())
+    size, door = _size(packing.container, unit), DOORS[constraints.door]
+    return BoxSteps(name, size, door, parts, tuple(steps), last)
 
 
 def _size(container: Container, unit: str) -> str:
@@ -253,10 +274,10 @@ def _size(container: Container, unit: str) -> str:
     return f"{x:g} x {y:g} x {height} {unit}"
 
 
-def _step_picture(scene: Scene, new: int, box: BoxStyle) -> str:
+def _step_picture(scene: Scene, new: int, box: BoxStyle, front: Camera) -> str:
     """Draw a box so that one of its parts is visible."""
     best, most = None, -1.0
-    for camera in (FROM_THE_FRONT, *OTHER_VIEWS):
+    for camera in (front, *OTHER_VIEWS):
         found = scene.snapshot(*LARGE, Look(camera, WHITE, box, coloring=_new))
         share = float((found.segmentation == new).mean())
         if share > most:

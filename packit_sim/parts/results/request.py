@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct, to_builtins
 
-from packit_sim.core.choices import Goal, GroupRule
+from packit_sim.core.choices import Door, Goal, GroupRule, LoadingOrder
 from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.mesh_files import read
@@ -53,6 +53,8 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
         The most degrees by which it may lean.
     down : tuple of str
         The sides that may face down.
+    stop : int, optional
+        The stop at which it is delivered.
     """
 
     name: str
@@ -74,6 +76,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
     group: str | None = None  # nor this
     max_tilt: float = ANY_TURN.max_tilt  # nor this
     down: tuple[str, ...] = ANY_TURN.down  # nor this
+    stop: int | None = None  # nor this
 
     def part(self, folder: Path, unit: Unit, copies: FileCopies) -> Part:
         """Read the part.
@@ -119,6 +122,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
             clearance=self.clearance,
             group=self.group,
             turning=Turning(self.max_tilt, self.down),
+            stop=self.stop,
         )
 
 
@@ -192,6 +196,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     groups: tuple[GroupRule, ...] = ()  # nor this
     powder: Powder | None = None  # nor this
     even: bool = False  # nor this
+    door: Door = "z+"  # nor this
+    order: LoadingOrder | None = None  # nor this
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
@@ -225,6 +231,8 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
             workers=1,
             clearance_z=self.clearance_z,
             powder=self.powder,
+            door=self.door,
+            order=self.order,
         )
         boxes = [each.box(folder, self.unit, copies) for each in self.boxes]
         packed = [each for each in self.parts if each.mesh is not None]
@@ -272,6 +280,8 @@ def request(
         tuple(settings.groups),  # type: ignore[arg-type]
         settings.powder,
         settings.even,
+        settings.door,
+        settings.order,
     )
     built: dict[str, Any] = to_builtins(found)
     return built
@@ -308,4 +318,5 @@ def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str
         part.group,
         part.turning.max_tilt,
         part.turning.down,
+        part.stop,
     )

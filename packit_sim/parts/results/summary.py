@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 from packit_sim.core.length_units import UNITS_CM
@@ -51,6 +52,7 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         texts["limits"] = limits[0] if len(limits) == 1 else "; ".join(numbered)
     if task.settings.powder is not None:
         texts["powder"] = _powder(packed, task.settings.powder)
+    texts |= deliveries(packed)
     by = "mass" if packed.mass is not None else "volume"
     for number, packing in enumerate(packed.packings, start=1):
         name = "centre of gravity" if len(boxes) == 1 else f"centre, box {number}"
@@ -70,6 +72,18 @@ def _powder(packed: PackedParts, powder: Powder) -> str:
     boxes = ((each, each.container) for each in packed.packings)
     bed = plain_sum(each.height * box.volume / box.size[2] for each, box in boxes)
     return powder.text(bed * cm3, packed.volume * cm3, packed.mass or 0.0)
+
+
+def deliveries(packed: PackedParts) -> dict[str, str]:
+    """Return the door of the boxes if it is not the top, and how many parts each stop gets."""
+    texts: dict[str, str] = {}
+    task = packed.task
+    if task.settings.door != "z+":
+        texts["door"] = task.settings.door
+    counts = Counter(task.stops[one.type] for _, one in packed.placements if task.stops)
+    if counts:
+        texts["deliveries"] = ", ".join(f"stop {n}: {counts[n]}" for n in sorted(counts))
+    return texts
 
 
 def _linked(packed: PackedParts) -> str:

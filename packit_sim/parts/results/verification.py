@@ -25,6 +25,7 @@ from packit_sim.parts.filling.groups import group_faults
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
+from packit_sim.parts.handling.order import order_faults
 from packit_sim.parts.handling.separability import links_of_items
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import PoseRows
@@ -225,7 +226,9 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     constraints = replace(task.constraints, stable=None)
     if not constraints.is_empty:
         for contents in packed.contents:
-            found += [one.sentence for one in broken_constraints(contents, constraints)]
+            broken = [one.sentence for one in broken_constraints(contents, constraints)]
+            is_ordered = constraints.is_straight and not broken
+            found += order_faults(contents, constraints) if is_ordered else broken
     return found or [*_masses(record, task), *_summary(record, packed, checked)]
 
 
@@ -361,7 +364,8 @@ def _is_same(name: str, stated: str | None, true: str | None, longest: float) ->
         return False
     if stated == true:
         return True
-    if name in ("packed", "linked pairs") or _NUMBER.sub("0", stated) != _NUMBER.sub("0", true):
+    is_exact = name in ("packed", "linked pairs", "deliveries")
+    if is_exact or _NUMBER.sub("0", stated) != _NUMBER.sub("0", true):
         return False
     for one, other in zip(_NUMBER.findall(stated), _NUMBER.findall(true), strict=True):
         size = abs(float(other))

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from packit_sim.core.choices import Door
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.handling.removal import Route
 from packit_sim.parts.handling.sweeps import Direction
@@ -45,6 +46,16 @@ _ENTRIES: dict[Direction, str] = {
     "-y": "Push it in through the front",
     "down": "Push it in from below",
 }
+
+
+DOORS: dict[Door, str] = {
+    "x-": "through the left side",
+    "x+": "through the right side",
+    "y-": "through the front",
+    "y+": "through the back",
+    "z+": "from above",
+}
+"""Where parts come in through each door."""
 
 
 def turn_in_words(turn: Floats) -> str:
