@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Protocol
 
 from packit_sim.core.checks import Range, check_range
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, about
 from packit_sim.parts.packings.bounds import LENGTHS, LOADS
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.containers import Container
@@ -119,9 +119,10 @@ class Constraints:
         for name, is_asked in asked.items():
             if is_asked and form != "box":
                 choice = "insertable, or a box" if form == "cylinder" else "a box"
-                raise ArgumentError(
-                    f"{name} is not possible in {container.name!r}, a {form}: choose {choice}"
-                )
+                with about(name):
+                    raise ArgumentError(
+                        f"{name} is not possible in {container.name!r}, a {form}: choose {choice}"
+                    )
 
     def check_numbers(self, packing: Packing) -> None:
         """Raise ArgumentError if they name types or placements that a packing does not have."""
