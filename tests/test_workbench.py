@@ -32,7 +32,7 @@ from packit_sim.parts.workbench.page_state import volume_text
 from packit_sim.parts.workbench.workbench import Workbench
 from tests.read_3mf import bodies
 
-ORDER = {"box": "20x10x15", "unit": "mm", "seconds": 1.0, "clearance": "0.5"}
+ORDER = {"box": [{"size": "20x10x15"}], "unit": "mm", "seconds": 1.0, "clearance": "0.5"}
 
 
 @pytest.fixture(name="bench")
@@ -143,7 +143,13 @@ def test_parts_are_packed_and_stay_where_they_are_locked(bench, tmp_path) -> Non
 def test_no_worse_packing_replaces_a_better_one_and_locked_parts_count(bench) -> None:
     number = send(bench, "cube.stl", creation.box((6, 6, 6)))
     files = [{"number": number, "count": 12, "rotations": "fixed"}]
-    order = {**ORDER, "box": "19x19x7", "clearance": "0", "seconds": 0.2, "files": files}
+    order = {
+        **ORDER,
+        "box": [{"size": "19x19x7"}],
+        "clearance": "0",
+        "seconds": 0.2,
+        "files": files,
+    }
     assert post(bench, "/pack", order)[0] == 200
     before = wait(bench, is_done)
     assert len(before["result"]["boxes"][0]["parts"]) == 9
@@ -152,7 +158,7 @@ def test_no_worse_packing_replaces_a_better_one_and_locked_parts_count(bench) ->
     assert post(bench, "/lock", {"part": 9, "locked": True})[0] == 400
     send(bench, "other.stl", creation.box((6, 6, 6)))  # locks survive another file,
     assert state(bench)["locked"] == [0, 4]
-    post(bench, "/pack", {**order, "box": "7x7x7"})  # an error,
+    post(bench, "/pack", {**order, "box": [{"size": "7x7x7"}]})  # an error,
     failed = wait(bench, lambda one: not one["busy"])
     assert "cube is locked, but it reaches" in failed["message"] and failed["locked"] == [0, 4]
     assert post(bench, "/pack", order)[0] == 200  # and another search
@@ -178,7 +184,10 @@ def test_results_are_undone_with_their_locks_and_the_order_stays(bench) -> None:
     assert post(bench, "/pack", more)[0] == 200
     second = wait(bench, lambda one: is_done(one) and one["undo"])
     assert len(second["result"]["boxes"][0]["parts"]) == 2
-    assert second["order"]["files"][0]["count"] == 2 and second["order"]["box"] == "20x10x15"
+    assert (
+        second["order"]["files"][0]["count"] == 2
+        and second["order"]["box"][0]["size"] == "20x10x15"
+    )
 
     assert ask(bench, "POST", "/undo")[0] == 200
     undone = state(bench)
@@ -190,15 +199,15 @@ def test_results_are_undone_with_their_locks_and_the_order_stays(bench) -> None:
     assert wait(bench, is_done)["message"] == "done: the files are written"
     assert ask(bench, "POST", "/redo")[0] == 200
     assert len(state(bench)["result"]["boxes"][0]["parts"]) == 2
-    assert post(bench, "/order", {**more, "box": "1x2x3"})[0] == 200
-    assert state(bench)["order"]["box"] == "1x2x3"
+    assert post(bench, "/order", {**more, "box": [{"size": "1x2x3"}]})[0] == 200
+    assert state(bench)["order"]["box"][0]["size"] == "1x2x3"
 
 
 def test_an_order_is_shown_before_it_is_packed(bench) -> None:
     number = send(bench, "rod.stl", creation.box((6, 2, 2)))
     order = {**ORDER, "files": [{"number": number, "count": 9, "rotations": "cube"}]}
     status, found = post(bench, "/order", order)
-    assert status == 200 and found["parts"] == ["rod"] * 9
+    assert status == 200 and found["boxes"][0]["parts"] == ["rod"] * 9
     side = found["models"]["boxes"][0]["size"][0] / 20  # of a millimetre
     places = np.array([one["pose"] for one in found["models"]["boxes"][0]["items"]])[:, 3::4] / side
     low, high = (places + sign * np.array((3, 1, 1)) for sign in (-1, 1))
@@ -206,9 +215,10 @@ def test_an_order_is_shown_before_it_is_packed(bench) -> None:
     assert (high <= np.array(found["reach"]) / side + 1e-6).all()
     apart = np.maximum(low[:, None], low) - np.minimum(high[:, None], high)
     assert (apart.max(axis=2)[np.triu_indices(9, 1)] > 0).all()
-    many = [{**order["files"][0], "count": 10**9}]
-    assert len(post(bench, "/order", {**order, "files": many})[1]["parts"]) == 100
-    assert "is not possible" in post(bench, "/order", {**order, "box": "0x1x1"})[1]["fault"]
+    many = [{**order["files"][0], "count": 10_000}]
+    assert len(post(bench, "/order", {**order, "files": many})[1]["boxes"][0]["parts"]) == 100
+    faults = post(bench, "/order", {**order, "box": [{"size": "0x1x1"}]})[1]["faults"]
+    assert "is not possible" in faults["box"]
 
 
 def test_volumes_are_as_people_write_them() -> None:
@@ -223,7 +233,9 @@ def test_the_unit_of_a_file_can_be_changed(bench) -> None:
     (file,) = state(bench)["files"]
     assert (file["unit"], file["size"], file["own unit"]) == ("in", "6 x 6 x 6 in", False)
     files = [{"number": number, "count": 1, "rotations": "cube"}]
-    assert post(bench, "/pack", {**ORDER, "box": "160x160x160", "files": files})[0] == 200
+    assert (
+        post(bench, "/pack", {**ORDER, "box": [{"size": "160x160x160"}], "files": files})[0] == 200
+    )
     assert wait(bench, is_done)["result"]["summary"]["height"].startswith("152")
     assert post(bench, "/unit", {"number": number, "unit": "ell"})[0] == 400
     assert post(bench, "/unit", {"number": 99, "unit": "mm"})[0] == 400
@@ -249,10 +261,10 @@ def test_an_order_that_is_not_possible_gets_one_sentence(bench) -> None:
     number = send(bench, "cube.stl", creation.box((6, 6, 6)))
     files = [{"number": number, "count": 1, "rotations": "cube"}]
     for change, sentence in (
-        ({"box": "0x10x15"}, "0"),
-        ({"box": "nonsense"}, "nonsense"),
-        ({"box": "5x5x5"}, "larger than the box"),
-        ({"box": "A:/somewhere/trunk.stl"}, "is a file: choose sides"),
+        ({"box": [{"size": "0x10x15"}]}, "0"),
+        ({"box": [{"size": "nonsense"}]}, "nonsense"),
+        ({"box": [{"size": "5x5x5"}]}, "larger than the box"),
+        ({"box": [{"size": "A:/somewhere/trunk.stl"}]}, "is a file of this machine: send it"),
         ({"unit": "ell"}, "unit 'ell' is not known"),
         ({"clearance": "-1"}, "clearance"),
         ({"files": []}, "there are no parts"),
@@ -329,7 +341,7 @@ def test_files_with_one_name_that_are_sent_at_once_are_parts_with_different_name
         thread.join()
     numbers = [each["number"] for each in state(bench)["files"]]
     files = [{"number": number, "count": 1, "rotations": "cube"} for number in numbers]
-    assert post(bench, "/pack", {**ORDER, "box": "60x60x60", "files": files})[0] == 200
+    assert post(bench, "/pack", {**ORDER, "box": [{"size": "60x60x60"}], "files": files})[0] == 200
     found = wait(bench, is_done)
     assert len(set(found["result"]["boxes"][0]["parts"])) == 8
 
@@ -359,7 +371,10 @@ def test_an_earlier_result_stays_when_a_later_search_fails(bench, monkeypatch, c
     found = wait(bench, is_done)["result"]
     data = ask(bench, "GET", "/files/packing.3mf")
     full = "error: out/packing.3mf: No space left on device"
-    for change, sentence in (({"box": "5x5x5"}, "larger than the box"), ({"seconds": 0.5}, full)):
+    for change, sentence in (
+        ({"box": [{"size": "5x5x5"}]}, "larger than the box"),
+        ({"seconds": 0.5}, full),
+    ):
         if sentence == full:
             monkeypatch.setattr(workbench_module, "export", _full)
         post(bench, "/pack", {**ORDER, "files": files, **change})

@@ -110,16 +110,17 @@ def prepared_task(
     if not prepared:
         raise ArgumentError(f"no part can be packed: {unread[0].source}: {unread[0].reason}")
     boxes, limit_notes = _as_published(boxes, published, prepared)
-    keep_clear = []
-    for name, sources in (("keep-out", settings.keep_out), ("fixed", settings.fixed)):
-        with about(name):
-            keep_clear.append(_in_place(name, sources, settings, unit))
+    with about("keep_out"):
+        keep_out = _in_place("keep-out", settings.keep_out, settings, unit)
+    with about("fixed"):
+        fixed = _in_place("fixed", settings.fixed, settings, unit)
     task = PackTask(
         tuple(_bounded(prepared, boxes)),
         boxes,
         objective,
         settings,
-        *keep_clear,
+        keep_out,
+        fixed,
         tuple(unread),
         inputs=reading.inputs,
         outlines=outlines,

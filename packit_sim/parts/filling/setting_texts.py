@@ -1,4 +1,4 @@
-"""Settings of a packing as text with units, as the command line and the workbench's page have them."""
+"""Settings of a packing as text with units: those of the command line and of the workbench."""
 
 from __future__ import annotations
 
