@@ -12,16 +12,14 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 import pytest
-import trimesh
 from trimesh import creation
 
 from packit_sim.core.errors import RenderError
@@ -31,8 +29,7 @@ from packit_sim.parts.workbench import workbench as workbench_module
 from packit_sim.parts.workbench.page_state import volume_text
 from packit_sim.parts.workbench.workbench import Workbench
 from tests.read_3mf import bodies
-
-ORDER = {"box": [{"size": "20x10x15"}], "unit": "mm", "seconds": 1.0, "clearance": "0.5"}
+from tests.workbench_client import ORDER, ask, is_done, post, send, state, stl, wait
 
 
 @pytest.fixture(name="bench")
@@ -40,52 +37,6 @@ def _bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workbench]:
     monkeypatch.setattr(exports, "draw", lambda packing, path, keep_out: path.write_bytes(b""))
     with Workbench() as bench:
         yield bench
-
-
-def ask(
-    bench: Workbench, method: str, path: str, body: bytes | None = None, **headers: str
-) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection(bench.address.removeprefix("http://"), timeout=60)
-    connection.request(method, path, body, headers)
-    answer = connection.getresponse()
-    found = answer.status, answer.read()
-    connection.close()
-    return found
-
-
-def post(bench: Workbench, path: str, value: Any) -> tuple[int, Any]:
-    status, data = ask(bench, "POST", path, json.dumps(value).encode())
-    return status, json.loads(data)
-
-
-def send(bench: Workbench, name: str, mesh: trimesh.Trimesh) -> int:
-    status, data = ask(bench, "POST", f"/parts?name={quote(name)}", stl(mesh))
-    assert status == 200, data
-    number: int = json.loads(data)["number"]
-    return number
-
-
-def stl(mesh: trimesh.Trimesh) -> bytes:
-    return bytes(mesh.export(file_type="stl"))
-
-
-def state(bench: Workbench, seen: int = -1) -> dict[str, Any]:
-    status, data = ask(bench, "GET", f"/state?seen={seen}")
-    assert status == 200
-    found: dict[str, Any] = json.loads(data)
-    return found
-
-
-def wait(bench: Workbench, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    deadline = time.monotonic() + 200
-    while not holds(found := state(bench)):
-        assert time.monotonic() < deadline, found["message"]
-        time.sleep(0.1)
-    return found
-
-
-def is_done(found: dict[str, Any]) -> bool:
-    return not found["busy"] and bool(found.get("result", {}).get("downloads"))
 
 
 def centres(data: bytes, folder: Path) -> dict[str, Any]:

@@ -29,7 +29,7 @@ _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 class Move(Struct, forbid_unknown_fields=True):
-    """A part that is moved: turned about the vertical line through its middle, then shifted.
+    """A part that is moved: turned about the vertical line through its item's middle, then shifted.
 
     Attributes
     ----------
@@ -203,8 +203,7 @@ def _moved(packed: PackedParts, box: int, move: Move) -> tuple[Placement, str]:
     """Return the placement of a moved part, and why it is not possible, if so."""
     packing = packed.packings[box]
     before = packing.placements[move.part]
-    vertices = before.apply(packing.types[before.type].vertices)
-    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    middle = before.apply(packing.types[before.type].middle)
     turn = np.linalg.matrix_power(_QUARTER, move.turns)
     place = turn @ (before.pose.translation - middle) + middle + np.array(move.shift)
     after = replace(before, pose=Motion(turn @ before.pose.rotation, place))
