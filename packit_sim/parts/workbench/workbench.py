@@ -133,7 +133,7 @@ class Workbench:
         self._results = itertools.count(1)
         self._search: threading.Thread | None = None
         self._stop = threading.Event()
-        self._checking = threading.Lock()  # one packing at a time: its meshes need memory
+        self._checking = threading.Lock()  # one order or packing at a time: meshes need memory
         try:
             self._server = HttpServer(self._routes(), host, port)
         except BaseException:
@@ -212,6 +212,11 @@ class Workbench:
         """Keep the order as it is on the page; return its faults, and its preview."""
         job = _read(request, PackingJob)
         self._page.order = typed_json.builtins(job)
+        with self._checking:
+            return WebAnswer.of_json(self._checked(job))
+
+    def _checked(self, job: PackingJob) -> dict[str, Any]:
+        """Return the faults of an order, and its preview as far as there is one."""
         uploads = dict(self._uploads.files)
         checked = checked_job(job, uploads)
         answer: dict[str, Any] = {"faults": checked.faults}
@@ -229,7 +234,7 @@ class Workbench:
             )
             assert settings.unit is not None
             answer |= preview(checked.boxes[0], settings.unit, ordered, in_place)
-        return WebAnswer.of_json(answer)
+        return answer
 
     def _containers(self, request: WebRequest) -> WebAnswer:
         """Return the containers that have a name."""
