@@ -109,7 +109,9 @@ class WebPage:
         for client in self.server.get_clients().values():
             known = client.client_id in self._aspects
             view = camera_of(client.camera) if known else ISO
-            aim_camera(client.camera, points, client.camera.aspect, view, free_share(client.camera))
+            aim_camera(
+                client.camera, points, client.camera.aspect, view, _free_share(client.camera)
+            )
 
     def _follow(self, client: viser.ClientHandle) -> None:
         """Keep the points in view of a browser when its window changes shape."""
@@ -120,7 +122,7 @@ class WebPage:
             aspect = camera.aspect
             if self._points is not None and self._aspects.get(client.client_id) != aspect:
                 self._aspects[client.client_id] = aspect
-                aim_camera(camera, self._points, aspect, top=free_share(camera))
+                aim_camera(camera, self._points, aspect, top=_free_share(camera))
 
         changed(client.camera)
         client.camera.on_update(changed)
@@ -154,16 +156,14 @@ def aim_camera(
     half = math.tan(math.radians(view.fov) / 2)  # of the window's height, at distance 1
     own = replace(view, fov=math.degrees(2 * math.atan(top * half)))
     eye = own.eye(points, aspect / top, middle)
-    sight = (middle - eye) / np.linalg.norm(middle - eye)
-    upward = np.array((0.0, 0.0, 1.0)) - sight[2] * sight
-    down = (1 - top) * half * np.linalg.norm(middle - eye) * upward / np.linalg.norm(upward)
-    eye, middle = eye - down, middle - down
+    down = -(1 - top) * half * float(np.linalg.norm(middle - eye)) * view.up
+    eye, middle = eye + down, middle + down
     camera.position = eye + view.toward  # viser does not send a position that it believes to be
     camera.position = eye  # current, and a browser's late report can make it wrong: change it twice
     camera.look_at = middle  # after the position, which moves it as well
 
 
-def free_share(camera: viser.CameraHandle) -> float:
+def _free_share(camera: viser.CameraHandle) -> float:
     """Return the share of a window's height, from its upper edge on, that no panel covers."""
     is_phone = camera.image_width <= _NARROW and camera.aspect < _UPRIGHT
     return _FREE if is_phone else 1.0
