@@ -233,6 +233,7 @@ def test_a_part_that_is_dragged_snaps_and_stays_where_it_is_free(page) -> None:
     page.locator("#downloads a").first.wait_for()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("field", "value", "sentence"),
     [
@@ -263,6 +264,7 @@ def test_messages_are_next_to_their_fields(page, field, value, sentence) -> None
     page.locator(f"#fault-{field}:empty").wait_for(state="attached")
 
 
+@pytest.mark.slow
 def test_the_order_has_what_the_command_can_do_and_survives_a_reload(page) -> None:
     page.locator("#more").evaluate("one => { one.open = true; }")
     row = page.locator("#files tr.file").nth(0)
@@ -299,10 +301,10 @@ def test_the_order_has_what_the_command_can_do_and_survives_a_reload(page) -> No
     with page.expect_request("**/order") as again:
         page.locator("[name=clearance]").dispatch_event("change")
     assert again.value.post_data_json == job
+    page.locator("#rows .box").nth(1).locator("button").click()
 
 
 def test_a_container_is_a_name_or_a_file(page) -> None:
-    page.locator("#rows .box").nth(1).locator("button").click()
     kind = page.locator("#rows .box select").first
     for value, found in (("named", "prusa-mk4"), ("file", "plate.stl")):
         with page.expect_response("**/order") as answer:
