@@ -46,6 +46,7 @@ def test_each_fault_has_the_name_of_its_field(bench) -> None:
         ({"box": [{"size": "20x20"}]}, "box", "300x200x150mm"),
         ({"box": [{"file": 99}]}, "box", "choose one that was sent"),
         ({"box": [{"size": "/etc/trunk.stl"}]}, "box", "send it to the page"),
+        ({"box": [{"size": "/etc/boxes.csv"}]}, "box", "send it to the page"),
         ({"box": two, "objective": "height"}, "objective", "needs one box"),
         ({"objective": "value"}, "objective", "no part has a value"),
         ({"clearance": "-1"}, "clearance", "-1"),

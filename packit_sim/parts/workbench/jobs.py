@@ -15,6 +15,7 @@ from packit_sim.parts.filling.setting_texts import read_settings
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.packings.bounds import COUNTS
+from packit_sim.parts.reading.box_lists import is_list
 from packit_sim.parts.reading.boxes import BoxType, MeshBox
 from packit_sim.parts.reading.files import own_length
 from packit_sim.parts.reading.manifest import part_fields
@@ -304,7 +305,7 @@ def _checked_count(count: int | None) -> int | None:
 
 def _refuse_file(text: str) -> None:
     """Raise ArgumentError if a box is a file of this machine, which others may not see."""
-    if MeshBox.parse(text) is not None:
+    if MeshBox.parse(text) is not None or is_list(text):
         raise ArgumentError(
             f"box {text!r:.80} is a file of this machine: send it to the page, and choose it there"
         )
