@@ -99,7 +99,7 @@ class _Client(threading.Thread):
                 continue
             files.append({"number": answer["number"], "count": 1, "rotations": "fixed"})
         for n in (2, 3):
-            order = {"box": "4x4x4", "unit": "mm", "seconds": 0.05, "files": files[:n]}
+            order = {"box": [{"size": "4x4x4"}], "unit": "mm", "seconds": 0.05, "files": files[:n]}
             answer = self._ask("POST", "/pack", json.dumps(order).encode())
             if "error" in answer:
                 self.refusal = self.refusal or answer["error"]

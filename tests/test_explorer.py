@@ -259,6 +259,18 @@ def test_a_camera_goes_to_what_it_is_to_see_on_the_side_where_it_is(way: Floats)
     assert (np.abs(rays @ view.up) < reach).all()
 
 
+def test_a_camera_shows_points_above_the_panel_of_a_telephone() -> None:
+    camera = SimpleNamespace(position=np.zeros(3), look_at=np.ones(3))
+    points = corners((100, 100, 100))
+    aim_camera(camera, points, 390 / 844, top=0.4)
+    view = camera_of(camera)
+    rays = points - camera.position
+    reach = math.tan(math.radians(view.fov) / 2) * -(rays @ view.toward)
+    assert (np.abs(rays @ view.right) < 390 / 844 * reach).all()
+    heights = rays @ view.up / reach  # 1 at the upper edge of the window, -1 at the lower one
+    assert (heights > 1 - 2 * 0.4).all() and (heights < 1).all() and heights.max() > 0.8
+
+
 def test_two_boxes_that_are_moved_apart_are_clear_of_each_other(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:

@@ -237,7 +237,7 @@ def test_the_workbench_answers_whatever_it_is_asked(cube: Path) -> None:
         status, answer = ask(f"/parts?name={'a' * 300}.stl", data)
         assert status == 422 and "a name has at most 200 bytes" in answer["error"]
         files = [{"number": 1, "count": 1, "rotations": "cube"}]
-        order = {"box": "9x9x9", "unit": "mm", "files": files * 501}
+        order = {"box": [{"size": "9x9x9"}], "unit": "mm", "files": files * 501}
         status, answer = ask("/pack", json.dumps(order).encode())
         assert status == 400 and "expected array of length <= 500" in answer["error"]
         name, port = host.split(":")

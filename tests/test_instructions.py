@@ -139,11 +139,14 @@ def test_parts_without_a_way_in_and_several_boxes_are_said(tmp_path: Path) -> No
 
 def test_fixed_parts_are_in_the_box_from_the_start(tmp_path: Path) -> None:
     packing = packed(cuboid((0, 0, 0), (20, 20, 20)), CAGE, names=("cube", "cage"))
+    drawn: list[tuple[str, int, int]] = []
     file = packing_instructions(
         tmp_path / "a.html",
         [("Box", packing)],
         constraints=Constraints(fixed=frozenset({1})),
+        progress=lambda *step: drawn.append(step),
     )
+    assert drawn == [("drawing the instructions", 0, 1)]
     page = file.read_text(encoding="utf-8")
     assert "step 1 of 1" in page and "</span>cage" not in page
 

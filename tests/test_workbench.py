@@ -12,16 +12,14 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 import pytest
-import trimesh
 from trimesh import creation
 
 from packit_sim.core.errors import RenderError
@@ -31,8 +29,7 @@ from packit_sim.parts.workbench import workbench as workbench_module
 from packit_sim.parts.workbench.page_state import volume_text
 from packit_sim.parts.workbench.workbench import Workbench
 from tests.read_3mf import bodies
-
-ORDER = {"box": "20x10x15", "unit": "mm", "seconds": 1.0, "clearance": "0.5"}
+from tests.workbench_client import ORDER, ask, is_done, post, send, state, stl, wait
 
 
 @pytest.fixture(name="bench")
@@ -40,52 +37,6 @@ def _bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workbench]:
     monkeypatch.setattr(exports, "draw", lambda packing, path, keep_out: path.write_bytes(b""))
     with Workbench() as bench:
         yield bench
-
-
-def ask(
-    bench: Workbench, method: str, path: str, body: bytes | None = None, **headers: str
-) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection(bench.address.removeprefix("http://"), timeout=60)
-    connection.request(method, path, body, headers)
-    answer = connection.getresponse()
-    found = answer.status, answer.read()
-    connection.close()
-    return found
-
-
-def post(bench: Workbench, path: str, value: Any) -> tuple[int, Any]:
-    status, data = ask(bench, "POST", path, json.dumps(value).encode())
-    return status, json.loads(data)
-
-
-def send(bench: Workbench, name: str, mesh: trimesh.Trimesh) -> int:
-    status, data = ask(bench, "POST", f"/parts?name={quote(name)}", stl(mesh))
-    assert status == 200, data
-    number: int = json.loads(data)["number"]
-    return number
-
-
-def stl(mesh: trimesh.Trimesh) -> bytes:
-    return bytes(mesh.export(file_type="stl"))
-
-
-def state(bench: Workbench, seen: int = -1) -> dict[str, Any]:
-    status, data = ask(bench, "GET", f"/state?seen={seen}")
-    assert status == 200
-    found: dict[str, Any] = json.loads(data)
-    return found
-
-
-def wait(bench: Workbench, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    deadline = time.monotonic() + 200
-    while not holds(found := state(bench)):
-        assert time.monotonic() < deadline, found["message"]
-        time.sleep(0.1)
-    return found
-
-
-def is_done(found: dict[str, Any]) -> bool:
-    return not found["busy"] and bool(found.get("result", {}).get("downloads"))
 
 
 def centres(data: bytes, folder: Path) -> dict[str, Any]:
@@ -143,7 +94,13 @@ def test_parts_are_packed_and_stay_where_they_are_locked(bench, tmp_path) -> Non
 def test_no_worse_packing_replaces_a_better_one_and_locked_parts_count(bench) -> None:
     number = send(bench, "cube.stl", creation.box((6, 6, 6)))
     files = [{"number": number, "count": 12, "rotations": "fixed"}]
-    order = {**ORDER, "box": "19x19x7", "clearance": "0", "seconds": 0.2, "files": files}
+    order = {
+        **ORDER,
+        "box": [{"size": "19x19x7"}],
+        "clearance": "0",
+        "seconds": 0.2,
+        "files": files,
+    }
     assert post(bench, "/pack", order)[0] == 200
     before = wait(bench, is_done)
     assert len(before["result"]["boxes"][0]["parts"]) == 9
@@ -152,7 +109,7 @@ def test_no_worse_packing_replaces_a_better_one_and_locked_parts_count(bench) ->
     assert post(bench, "/lock", {"part": 9, "locked": True})[0] == 400
     send(bench, "other.stl", creation.box((6, 6, 6)))  # locks survive another file,
     assert state(bench)["locked"] == [0, 4]
-    post(bench, "/pack", {**order, "box": "7x7x7"})  # an error,
+    post(bench, "/pack", {**order, "box": [{"size": "7x7x7"}]})  # an error,
     failed = wait(bench, lambda one: not one["busy"])
     assert "cube is locked, but it reaches" in failed["message"] and failed["locked"] == [0, 4]
     assert post(bench, "/pack", order)[0] == 200  # and another search
@@ -178,7 +135,10 @@ def test_results_are_undone_with_their_locks_and_the_order_stays(bench) -> None:
     assert post(bench, "/pack", more)[0] == 200
     second = wait(bench, lambda one: is_done(one) and one["undo"])
     assert len(second["result"]["boxes"][0]["parts"]) == 2
-    assert second["order"]["files"][0]["count"] == 2 and second["order"]["box"] == "20x10x15"
+    assert (
+        second["order"]["files"][0]["count"] == 2
+        and second["order"]["box"][0]["size"] == "20x10x15"
+    )
 
     assert ask(bench, "POST", "/undo")[0] == 200
     undone = state(bench)
@@ -190,15 +150,15 @@ def test_results_are_undone_with_their_locks_and_the_order_stays(bench) -> None:
     assert wait(bench, is_done)["message"] == "done: the files are written"
     assert ask(bench, "POST", "/redo")[0] == 200
     assert len(state(bench)["result"]["boxes"][0]["parts"]) == 2
-    assert post(bench, "/order", {**more, "box": "1x2x3"})[0] == 200
-    assert state(bench)["order"]["box"] == "1x2x3"
+    assert post(bench, "/order", {**more, "box": [{"size": "1x2x3"}]})[0] == 200
+    assert state(bench)["order"]["box"][0]["size"] == "1x2x3"
 
 
 def test_an_order_is_shown_before_it_is_packed(bench) -> None:
     number = send(bench, "rod.stl", creation.box((6, 2, 2)))
     order = {**ORDER, "files": [{"number": number, "count": 9, "rotations": "cube"}]}
     status, found = post(bench, "/order", order)
-    assert status == 200 and found["parts"] == ["rod"] * 9
+    assert status == 200 and found["boxes"][0]["parts"] == ["rod"] * 9
     side = found["models"]["boxes"][0]["size"][0] / 20  # of a millimetre
     places = np.array([one["pose"] for one in found["models"]["boxes"][0]["items"]])[:, 3::4] / side
     low, high = (places + sign * np.array((3, 1, 1)) for sign in (-1, 1))
@@ -206,9 +166,10 @@ def test_an_order_is_shown_before_it_is_packed(bench) -> None:
     assert (high <= np.array(found["reach"]) / side + 1e-6).all()
     apart = np.maximum(low[:, None], low) - np.minimum(high[:, None], high)
     assert (apart.max(axis=2)[np.triu_indices(9, 1)] > 0).all()
-    many = [{**order["files"][0], "count": 10**9}]
-    assert len(post(bench, "/order", {**order, "files": many})[1]["parts"]) == 100
-    assert "is not possible" in post(bench, "/order", {**order, "box": "0x1x1"})[1]["fault"]
+    many = [{**order["files"][0], "count": 10_000}]
+    assert len(post(bench, "/order", {**order, "files": many})[1]["boxes"][0]["parts"]) == 100
+    faults = post(bench, "/order", {**order, "box": [{"size": "0x1x1"}]})[1]["faults"]
+    assert "is not possible" in faults["box"]
 
 
 def test_volumes_are_as_people_write_them() -> None:
@@ -223,7 +184,9 @@ def test_the_unit_of_a_file_can_be_changed(bench) -> None:
     (file,) = state(bench)["files"]
     assert (file["unit"], file["size"], file["own unit"]) == ("in", "6 x 6 x 6 in", False)
     files = [{"number": number, "count": 1, "rotations": "cube"}]
-    assert post(bench, "/pack", {**ORDER, "box": "160x160x160", "files": files})[0] == 200
+    assert (
+        post(bench, "/pack", {**ORDER, "box": [{"size": "160x160x160"}], "files": files})[0] == 200
+    )
     assert wait(bench, is_done)["result"]["summary"]["height"].startswith("152")
     assert post(bench, "/unit", {"number": number, "unit": "ell"})[0] == 400
     assert post(bench, "/unit", {"number": 99, "unit": "mm"})[0] == 400
@@ -249,10 +212,10 @@ def test_an_order_that_is_not_possible_gets_one_sentence(bench) -> None:
     number = send(bench, "cube.stl", creation.box((6, 6, 6)))
     files = [{"number": number, "count": 1, "rotations": "cube"}]
     for change, sentence in (
-        ({"box": "0x10x15"}, "0"),
-        ({"box": "nonsense"}, "nonsense"),
-        ({"box": "5x5x5"}, "larger than the box"),
-        ({"box": "A:/somewhere/trunk.stl"}, "is a file: choose sides"),
+        ({"box": [{"size": "0x10x15"}]}, "0"),
+        ({"box": [{"size": "nonsense"}]}, "nonsense"),
+        ({"box": [{"size": "5x5x5"}]}, "larger than the box"),
+        ({"box": [{"size": "A:/somewhere/trunk.stl"}]}, "is a file of this machine: send it"),
         ({"unit": "ell"}, "unit 'ell' is not known"),
         ({"clearance": "-1"}, "clearance"),
         ({"files": []}, "there are no parts"),
@@ -329,7 +292,7 @@ def test_files_with_one_name_that_are_sent_at_once_are_parts_with_different_name
         thread.join()
     numbers = [each["number"] for each in state(bench)["files"]]
     files = [{"number": number, "count": 1, "rotations": "cube"} for number in numbers]
-    assert post(bench, "/pack", {**ORDER, "box": "60x60x60", "files": files})[0] == 200
+    assert post(bench, "/pack", {**ORDER, "box": [{"size": "60x60x60"}], "files": files})[0] == 200
     found = wait(bench, is_done)
     assert len(set(found["result"]["boxes"][0]["parts"])) == 8
 
@@ -359,7 +322,10 @@ def test_an_earlier_result_stays_when_a_later_search_fails(bench, monkeypatch, c
     found = wait(bench, is_done)["result"]
     data = ask(bench, "GET", "/files/packing.3mf")
     full = "error: out/packing.3mf: No space left on device"
-    for change, sentence in (({"box": "5x5x5"}, "larger than the box"), ({"seconds": 0.5}, full)):
+    for change, sentence in (
+        ({"box": [{"size": "5x5x5"}]}, "larger than the box"),
+        ({"seconds": 0.5}, full),
+    ):
         if sentence == full:
             monkeypatch.setattr(workbench_module, "export", _full)
         post(bench, "/pack", {**ORDER, "files": files, **change})

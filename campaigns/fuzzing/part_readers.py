@@ -7,6 +7,7 @@ import json
 from functools import cache
 from typing import TYPE_CHECKING
 
+from msgspec import structs
 from openpyxl import Workbook
 from trimesh import creation
 
@@ -18,14 +19,12 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.plain_text import plain_line
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
-from packit_sim.parts.reading.boxes import box_types
 from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.units import check_unit, lengths
 from packit_sim.parts.results.check import check
 from packit_sim.parts.results.record import RECORD, write_record
 from packit_sim.parts.results.resuming import read_earlier
-from packit_sim.parts.workbench.workbench import PackingJob
+from packit_sim.parts.workbench.jobs import PackingJob, read_job
 
 if TYPE_CHECKING:
     from packit_sim.parts.filling.packed import PackedParts
@@ -95,17 +94,16 @@ def _read_record(data: bytes) -> None:
 
 
 def _orders() -> list[bytes]:
-    files = [{"number": 1, "count": 2, "rotations": "cube"}]
-    order = {"box": "A:30 x 2.5e1x.2in=2", "unit": "mm", "files": files, "clearance": "0.5mm"}
+    files = [{"number": 1, "count": 2, "rotations": "cube", "fields": {"mass": "3"}}]
+    box = [{"size": "30 x 2.5e1x.2in", "name": "A", "count": 2}, {"size": "cylinder:3x4in"}]
+    order = {"box": box, "unit": "mm", "files": files, "clearance": "0.5mm", "clearance_z": "1"}
+    order |= {"wall_clearance": "sides=1mm,top=2", "max_mass": ["2kg"], "max_parts": ["A:3"]}
     return [json.dumps(order | {"seconds": 1.5, "seed": 3, "instructions": True}).encode()]
 
 
 def _read_order(data: bytes) -> None:
     order = typed_json.decode(data, PackingJob, ArgumentError, "the request")
-    unit = check_unit(order.unit)
-    box_types(order.box, unit, 1)
-    for text in (order.clearance, order.wall_clearance):
-        lengths(text, 1, unit)
+    read_job(structs.replace(order, files=[]), {}).boxes(order.objective)
 
 
 READERS = (

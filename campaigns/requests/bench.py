@@ -29,12 +29,12 @@ SECONDS = 60.0
 SERVER = f"""
 from packit_sim.cli import app
 from packit_sim.parts.results import exports
-from packit_sim.parts.workbench import uploads
+from packit_sim.parts.workbench import uploads, workbench
 vars(uploads).update({LIMITS!r})
 exports.draw = lambda packing, path, keep_out: path.write_bytes(b"")
 app.main()
 """
-"""The command with these limits; pictures, which are slow, are left out."""
+"""The command with these limits; its routes take files of any size, and draw no pictures."""
 
 MEMORY = 400e6
 """Most bytes by which the memory may grow after the first rest."""

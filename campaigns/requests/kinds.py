@@ -9,6 +9,7 @@ import time
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -185,15 +186,74 @@ def _remove(bench: Bench, rng: np.random.Generator, mark: str) -> None:
     _expect(status, (200, 400), data, str(number))
 
 
-def _order(bench: Bench, rng: np.random.Generator, mark: str) -> None:
-    files = [
-        {"number": each["number"], "count": int(rng.integers(1, 5)), "rotations": "cube"}
+def _random_order(bench: Bench, rng: np.random.Generator) -> dict[str, Any]:
+    """Return an order that is possible, or nearly."""
+    files: list[dict[str, Any]] = [
+        {
+            "number": each["number"],
+            "count": int(rng.integers(1, 5)) if rng.random() < 0.9 else "max",
+            "rotations": str(rng.choice(["cube", "fixed"])),
+            "use": str(rng.choice(["part", "keep_out", "fixed"], p=[0.9, 0.05, 0.05])),
+            "fields": {"mass": "9", "group": str(rng.integers(2))} if rng.random() < 0.7 else {},
+        }
         for each in bench.state()["files"]
         if rng.random() < 0.7
     ]
-    box = str(rng.choice(["30x30x30", "cylinder:30x30"]))
-    order = {"box": box, "unit": "mm", "seconds": 0.3, "files": files}
+    boxes: list[dict[str, Any]] = [{"size": "30x30x30"}, {"size": "cylinder:30x30"}]
+    boxes += [{"file": each["number"]} for each in files[:1]]
+    box = [boxes[rng.integers(len(boxes))]]
+    if rng.random() < 0.2:
+        box = [{"size": "20x20x20", "name": "A"}, {"size": "30x30x30", "name": "B", "count": 2}]
+    settings: list[dict[str, Any]] = [
+        {"clearance": "1", "clearance_z": "2", "wall_clearance": "sides=1,floor=0,top=2"},
+        {"max_mass": ["20g"], "max_parts": ["3"]},
+        {"groups": ["apart"], "objective": "boxes"},
+        {"removable": True, "insertable": True, "separable": True},
+        {},
+    ]
+    own = settings[rng.integers(len(settings))]
+    return {"box": box, "unit": "mm", "seconds": 0.3, "files": files, **own}
+
+
+def _order(bench: Bench, rng: np.random.Generator, mark: str) -> None:
+    order = _random_order(bench, rng)
     status, data, _ = bench.ask("POST", "/pack", json.dumps(order).encode())
+    _expect(status, (200, 400, 409), data, "error")
+
+
+def _kept_order(bench: Bench, rng: np.random.Generator, mark: str) -> None:
+    order = _random_order(bench, rng)
+    if is_bad := rng.random() < 0.5:
+        order["stable"] = mark
+    status, data, _ = bench.ask("POST", "/order", json.dumps(order).encode())
+    _expect(status, (200,), data)
+    answer = json.loads(data)
+    if is_bad and "" not in answer["faults"] and mark not in answer["faults"].get("stable", mark):
+        raise Broken(f"another fault: {answer['faults']}")
+    if not answer["faults"] and not answer["boxes"][0]["sides"]:
+        raise Broken("no preview")
+
+
+def _moves(bench: Bench, rng: np.random.Generator, mark: str) -> None:
+    state = bench.state()
+    key = state.get("packing", mark)
+    moves = [
+        {"part": int(n), "shift": rng.normal(0, 5, 3).tolist(), "turns": int(rng.integers(4))}
+        for n in rng.choice(4, rng.integers(1, 3), replace=False)
+    ]
+    asked = {"packing": key, "moves": moves, "accept": bool(rng.random() < 0.5)}
+    status, data, _ = bench.ask("POST", "/moves", json.dumps(asked).encode())
+    _expect(status, (200, 400, 409), data, "error")
+    if status == 200 and not asked["accept"]:
+        for each in json.loads(data)["conflicts"]:
+            if not each["text"]:
+                raise Broken(f"no reason: {each}")
+
+
+def _step(bench: Bench, rng: np.random.Generator, mark: str) -> None:
+    name = str(rng.choice(["undo", "redo", "write", "lock"]))
+    body = {"write": b"{}", "lock": b'{"part": 0, "locked": true}'}.get(name)
+    status, data, _ = bench.ask("POST", f"/{name}", body)
     _expect(status, (200, 400, 409), data, "error")
 
 
@@ -201,11 +261,12 @@ def _bad_order(bench: Bench, rng: np.random.Generator, mark: str) -> None:
     body = [
         json.dumps({mark: 1}).encode(),
         f'{{"box": "{mark}"'.encode(),
-        json.dumps({"box": "1x1x1", "unit": mark, "files": []}).encode(),
+        json.dumps({"box": [{"size": "1x1x1"}], "unit": mark, "files": []}).encode(),
         b"[" * 1000,
-        json.dumps({"box": f"/etc/{mark}.stl", "unit": "mm", "files": []}).encode(),
-        json.dumps({"box": f"{mark * 1000}.stl", "unit": "mm", "files": []}).encode(),
-    ][rng.integers(6)]
+        json.dumps({"box": [{"size": f"/etc/{mark}.stl"}], "unit": "mm", "files": []}).encode(),
+        json.dumps({"box": [{"size": f"{mark * 9}.stl"}], "unit": "mm", "files": []}).encode(),
+        json.dumps({"box": [{"size": "9x9x9"}] * 51, "unit": "mm", "files": []}).encode(),
+    ][rng.integers(7)]
     status, data, _ = bench.ask("POST", "/pack", body)
     _expect(status, (400, 409), data, "error")
 
@@ -267,6 +328,9 @@ KINDS = {
     "removal": Kind("removed, or refused by its number", _remove),
     "order": Kind("a search, or one sentence", _order),
     "order that can't be read": Kind("one sentence", _bad_order),
+    "order on the page": Kind("its faults by their fields, and a preview", _kept_order),
+    "parts moved by hand": Kind("their conflicts, a result, or one sentence", _moves),
+    "lock, undo, redo, write": Kind("done, or one sentence", _step),
     "stop": Kind("answered", _stop),
     "poll": Kind("a state", _poll),
     "download": Kind("the file, whole, or refused by its name", _download),

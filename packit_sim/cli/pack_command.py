@@ -25,21 +25,12 @@ from packit_sim.cli.stopping import RESUMABLE, stoppable
 from packit_sim.core.choices import Door, Goal, LoadingOrder
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
-from packit_sim.core.length_units import Unit
 
 with lazy_imports():
     from packit_sim.cli import output, terminal
-    from packit_sim.parts.reading import (
-        box_lists,
-        distances,
-        limits,
-        named_containers,
-        turnings,
-        units,
-    )
-    from packit_sim.parts.reading import boxes as box_texts
+    from packit_sim.parts.filling import setting_texts
     from packit_sim.parts.reading import files as part_files
-    from packit_sim.parts.reading import powder as powders
+    from packit_sim.parts.reading import turnings
     from packit_sim.parts.results import check, record, summary
 
 
@@ -238,23 +229,22 @@ def pack_command(
     boxes_asked = [*(box or ()), *(container or ())]
     if not boxes_asked:
         raise ArgumentError("there is no box: choose --box 300x200x150mm, or --container")
-    each_box, _ = named_containers.without_names(box_lists.without_lists(boxes_asked)[0])
-    length: Unit = box_texts.box_unit(each_box) or unit
-    settings = packit_sim.PackSettings(
-        clearance=units.lengths(clearance, 1, length)[0],
-        clearance_z=None if clearance_z is None else units.lengths(clearance_z, 1, length)[0],
-        wall_clearance=distances.read_wall_clearance(wall_clearance, length),
-        accuracy=None if accuracy is None else units.lengths(accuracy, 1, length)[0],
+    settings = setting_texts.read_settings(
+        boxes_asked,
+        unit,
+        clearance=clearance,
+        clearance_z=clearance_z,
+        wall_clearance=wall_clearance,
+        accuracy=accuracy,
         removable=removable,
         insertable=insertable,
         door=door,
         order=order,
         separable=separable,
-        stable=None if stable is None else units.lengths(stable, 1, length)[0],
+        stable=stable,
         boxes=boxes,
         keep_out=keep_out or (),
         fixed=fixed or (),
-        unit=length,
         reading=part_files.ReadSettings(
             unit,
             up,
@@ -266,10 +256,12 @@ def pack_command(
         backend=backend,
         address=address,
         iterations=iterations,
-        limits=limits.read_limits(max_mass or (), max_parts or (), balance or ()),
+        max_mass=max_mass or (),
+        max_parts=max_parts or (),
+        balance=balance or (),
         groups=groups or (),
         even=even,
-        powder=None if powder is None else powders.read_powder(powder),
+        powder=powder,
     )
     if save_preset is not None:
         option_presets.save_preset(ctx, save_preset)

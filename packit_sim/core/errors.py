@@ -22,6 +22,7 @@ __all__ = [
     "RenderError",
     "StateError",
     "UnknownShapeError",
+    "about",
     "located",
     "reason",
 ]
@@ -65,7 +66,15 @@ class PackFormatError(PackItError, ValueError):
 
 
 class ArgumentError(PackItError, ValueError):
-    """An argument or a setting whose value is not possible."""
+    """An argument or a setting whose value is not possible.
+
+    Attributes
+    ----------
+    setting : str
+        The name of the setting that it is about, for a page with a field for it; "" if unknown.
+    """
+
+    setting = ""
 
 
 class StateError(PackItError, RuntimeError):
@@ -107,6 +116,22 @@ def located(where: object, kind: type[PackItError]) -> Iterator[None]:
         yield
     except kind as error:
         raise kind(f"{where}: {error}") from None
+
+
+@contextmanager
+def about(setting: str) -> Iterator[None]:
+    """Note the name of the setting that an ArgumentError within the block is about.
+
+    Yields
+    ------
+    None
+        To the block.
+    """
+    try:
+        yield
+    except ArgumentError as error:
+        error.setting = error.setting or setting
+        raise
 
 
 def reason(error: Exception) -> str:

@@ -33,6 +33,12 @@ if TYPE_CHECKING:  # the only module that imports viser: others take its types f
 _ASPECT = 4 / 3
 """Width over height of the smallest window that shows everything at first."""
 
+_NARROW, _UPRIGHT = 480, 0.7
+"""Pixels, and width over height, up to which a window is one of a telephone."""
+
+_FREE = 0.4
+"""The share of a telephone's window that viser's panel leaves free, above it."""
+
 _PRINTING = threading.Lock()
 
 
@@ -103,7 +109,9 @@ class WebPage:
         for client in self.server.get_clients().values():
             known = client.client_id in self._aspects
             view = camera_of(client.camera) if known else ISO
-            aim_camera(client.camera, points, client.camera.aspect, view)
+            aim_camera(
+                client.camera, points, client.camera.aspect, view, _free_share(client.camera)
+            )
 
     def _follow(self, client: viser.ClientHandle) -> None:
         """Keep the points in view of a browser when its window changes shape."""
@@ -114,7 +122,7 @@ class WebPage:
             aspect = camera.aspect
             if self._points is not None and self._aspects.get(client.client_id) != aspect:
                 self._aspects[client.client_id] = aspect
-                aim_camera(camera, self._points, aspect)
+                aim_camera(camera, self._points, aspect, top=_free_share(camera))
 
         changed(client.camera)
         client.camera.on_update(changed)
@@ -133,13 +141,32 @@ def aim_camera(
     points: npt.NDArray[np.float64],
     aspect: float,
     view: Camera = ISO,
+    top: float = 1.0,
 ) -> None:
-    """Point a camera at points (n, 3), as near as possible, in the direction of a view."""
+    """Point a camera at points, as near as possible, in the direction of a view.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, 3)
+        The points.
+    top : float
+        The share of the window's height, from its upper edge on, in which they are.
+    """
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    eye = view.eye(points, aspect, middle)
+    half = math.tan(math.radians(view.fov) / 2)  # of the window's height, at distance 1
+    own = replace(view, fov=math.degrees(2 * math.atan(top * half)))
+    eye = own.eye(points, aspect / top, middle)
+    down = -(1 - top) * half * float(np.linalg.norm(middle - eye)) * view.up
+    eye, middle = eye + down, middle + down
     camera.position = eye + view.toward  # viser does not send a position that it believes to be
     camera.position = eye  # current, and a browser's late report can make it wrong: change it twice
     camera.look_at = middle  # after the position, which moves it as well
+
+
+def _free_share(camera: viser.CameraHandle) -> float:
+    """Return the share of a window's height, from its upper edge on, that no panel covers."""
+    is_phone = camera.image_width <= _NARROW and camera.aspect < _UPRIGHT
+    return _FREE if is_phone else 1.0
 
 
 def camera_of(camera: viser.CameraHandle) -> Camera:

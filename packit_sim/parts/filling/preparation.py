@@ -7,9 +7,10 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 from packit_sim.core.choices import Goal
-from packit_sim.core.errors import ArgumentError, MeshError
+from packit_sim.core.errors import ArgumentError, MeshError, about
 from packit_sim.core.length_units import Unit
 from packit_sim.core.parallel import Threads
 from packit_sim.core.plain_text import listed
@@ -82,16 +83,13 @@ def prepared_task(
     ArgumentError
         If an argument is not possible, or no part can be read or fits.
     """
-    box, listed_limits = without_lists(box)
-    box, published = without_names(box)
+    with about("box"):
+        box, listed_limits = without_lists(box)
+        box, published = without_names(box)
     unit: Unit = settings.unit or box_unit(box) or "mm"
     accuracy = None if settings.accuracy is None else settings.accuracy * factor(unit, "mm")
     settings = replace(settings, unit=unit, reading=replace(settings.reading, accuracy=accuracy))
-    count = settings.boxes or (None if objective == "boxes" else 1)
-    box, outlines = with_meshes(box, unit, settings.reading, count)
-    boxes = _limited(box_types(box, unit, count), settings.limits, listed_limits)
-    check_objective(objective, boxes)
-    check_margin(WallClearance.of(settings.wall_clearance), boxes, unit)
+    boxes, outlines = prepared_boxes(box, objective, settings, unit, listed_limits)
     progress("reading", 0, 0)
     reading = find_parts(parts, settings.reading)
     _check_triangles(reading.parts)
@@ -114,13 +112,17 @@ def prepared_task(
     if not prepared:
         raise ArgumentError(f"no part can be packed: {unread[0].source}: {unread[0].reason}")
     boxes, limit_notes = _as_published(boxes, published, prepared)
+    with about("keep_out"):
+        keep_out = _in_place("keep-out", settings.keep_out, settings, unit)
+    with about("fixed"):
+        fixed = _in_place("fixed", settings.fixed, settings, unit)
     task = PackTask(
         tuple(_bounded(prepared, boxes)),
         boxes,
         objective,
         settings,
-        _in_place("keep-out", settings.keep_out, settings, unit),
-        _in_place("fixed", settings.fixed, settings, unit),
+        keep_out,
+        fixed,
         tuple(unread),
         inputs=reading.inputs,
         outlines=outlines,
@@ -132,6 +134,48 @@ def prepared_task(
     return replace(task, notes=tuple(_joined(notes)))
 
 
+def prepared_boxes(
+    box: Boxes,
+    objective: Goal,
+    settings: PackSettings,
+    unit: Unit,
+    listed: Mapping[str, Limits] = MappingProxyType({}),
+) -> tuple[tuple[BoxType, ...], Mapping[str, PreparedPart]]:
+    """Read and prepare the boxes of a task.
+
+    Parameters
+    ----------
+    box : str, BoxType, Container, or sequence of float, str, BoxType or Container
+        A box, or several, without lists of boxes and names of containers.
+    objective : str
+        One of `GOALS`.
+    unit : str
+        The unit of the result.
+    listed : mapping of str to Limits
+        The limits in lists of boxes, by the names of boxes.
+
+    Returns
+    -------
+    boxes : tuple of BoxType
+        The boxes, with their limits.
+    outlines : mapping of str to PreparedPart
+        The meshes of those that are meshes, by their names.
+
+    Raises
+    ------
+    ArgumentError
+        If a box, a limit, the objective or a distance from the walls is not possible.
+    """
+    count = settings.boxes or (None if objective == "boxes" else 1)
+    with about("box"):
+        box, outlines = with_meshes(box, unit, settings.reading, count)
+        boxes = box_types(box, unit, count)
+    boxes = _limited(boxes, settings.limits, listed)
+    check_objective(objective, boxes)
+    check_margin(WallClearance.of(settings.wall_clearance), boxes, unit)
+    return boxes, outlines
+
+
 def _limited(
     boxes: Sequence[BoxType], limits: Limits | Mapping[str, Limits], listed: Mapping[str, Limits]
 ) -> tuple[BoxType, ...]:
@@ -139,9 +183,11 @@ def _limited(
     known = {"": limits} if isinstance(limits, Limits) else limits
     names = [box.name for box in boxes]
     if strange := [name for name in known if name and name not in names]:
-        raise ArgumentError(
-            f"limits are for box {strange[0]!r}, which there is not: choose from {', '.join(names)}"
-        )
+        with about("max_parts" if known[strange[0]].max_mass is None else "max_mass"):
+            raise ArgumentError(
+                f"limits are for box {strange[0]!r}, which there is not: choose from "
+                f"{', '.join(names)}"
+            )
     general = known.get("", Limits())
     found = []
     for box in boxes:
@@ -173,10 +219,11 @@ def _bounded(parts: Iterable[PreparedPart], boxes: Sequence[BoxType]) -> Iterato
     for each in parts:
         if each.part.as_many_as_fit:
             if endless := [box.name for box in boxes if box.count is None]:
-                raise ArgumentError(
-                    f"part {each.part.name!r}: as many as fit needs a number of boxes: "
-                    f"{endless[0]!r} has none"
-                )
+                with about("boxes"):
+                    raise ArgumentError(
+                        f"part {each.part.name!r}: as many as fit needs a number of boxes: "
+                        f"{endless[0]!r} has none"
+                    )
             space = plain_sum(box.container.volume * (box.count or 0) for box in boxes)
             most = space / max(each.volume, 1e-300) * (1 + _ROUNDING)
             count = max(1, int(min(each.part.count, most)))

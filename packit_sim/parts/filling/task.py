@@ -14,7 +14,7 @@ import numpy as np
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.choices import Door, Goal, LoadingOrder, SearchBackend
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, about
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.parallel import check_search_workers
 from packit_sim.core.sums import plain_sum
@@ -167,13 +167,17 @@ class PackSettings:
     order: LoadingOrder | None = None
 
     def __post_init__(self) -> None:
-        check_range("clearance", self.clearance, DISTANCES)
-        stretch(self.clearance, self.clearance_z)
+        with about("clearance"):
+            check_range("clearance", self.clearance, DISTANCES)
+        with about("clearance_z"):
+            stretch(self.clearance, self.clearance_z)
         if not isinstance(self.wall_clearance, WallClearance):
-            check_range("wall clearance", self.wall_clearance, DISTANCES)
+            with about("wall_clearance"):
+                check_range("wall clearance", self.wall_clearance, DISTANCES)
         for name in ("accuracy", "stable"):
             if getattr(self, name) is not None:
-                check_range(name, getattr(self, name), LENGTHS)
+                with about(name):
+                    check_range(name, getattr(self, name), LENGTHS)
         for name, valid in (("boxes", COUNTS), ("iterations", ITERATIONS)):
             value = getattr(self, name)
             if value is not None:
@@ -182,29 +186,36 @@ class PackSettings:
             check_unit(self.unit)
         for rule in self.groups:
             known = f"choose from {', '.join(GROUP_RULES)}"
-            check_range("rule of groups", rule, (rule in GROUP_RULES, known))
-        check_door(self.door)
-        check_range("order", self.order, (self.order in (None, "delivery"), "choose delivery"))
+            with about("groups"):
+                check_range("rule of groups", rule, (rule in GROUP_RULES, known))
+        with about("door"):
+            check_door(self.door)
+        with about("order"):
+            check_range("order", self.order, (self.order in (None, "delivery"), "choose delivery"))
         check_search_workers(self.workers, self.backend, self.address)
 
 
 def check_objective(objective: Goal, boxes: Sequence[BoxType]) -> None:
     """Raise ArgumentError if an objective is not known, or not possible with some boxes."""
-    if objective not in GOALS:
-        raise ArgumentError(f"objective {objective!r} is not known: choose from {', '.join(GOALS)}")
-    if objective == "height" and (len(boxes) > 1 or boxes[0].count != 1):
-        raise ArgumentError("the objective height needs one box: choose boxes for several")
+    with about("objective"):
+        if objective not in GOALS:
+            raise ArgumentError(
+                f"objective {objective!r} is not known: choose from {', '.join(GOALS)}"
+            )
+        if objective == "height" and (len(boxes) > 1 or boxes[0].count != 1):
+            raise ArgumentError("the objective height needs one box: choose boxes for several")
 
 
 def check_margin(margin: WallClearance, boxes: Sequence[BoxType], unit: Unit) -> None:
     """Raise ArgumentError if distances from the walls are not possible in a box."""
-    for box in boxes:
-        if not margin.is_even and form_of(box.container) == "mesh":
-            raise ArgumentError(
-                f"box {box.name!r} is a mesh: choose one distance from all of its walls"
-            )
-        if (np.array(box.size) <= margin.lower + margin.upper).any():
-            raise ArgumentError(f"box {box.name!r}: {margin.text(unit)} leave no space in it")
+    with about("wall_clearance"):
+        for box in boxes:
+            if not margin.is_even and form_of(box.container) == "mesh":
+                raise ArgumentError(
+                    f"box {box.name!r} is a mesh: choose one distance from all of its walls"
+                )
+            if (np.array(box.size) <= margin.lower + margin.upper).any():
+                raise ArgumentError(f"box {box.name!r}: {margin.text(unit)} leave no space in it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +254,48 @@ class PackTask:
     def __post_init__(self) -> None:
         check_objective(self.objective, self.boxes)
         if self.objective == "value" and all(each.part.value is None for each in self.parts):
-            raise ArgumentError("the objective value needs parts with a value, from a manifest")
+            with about("objective"):
+                raise ArgumentError("the objective value needs parts with a value, from a manifest")
+        with about("fixed"):
+            self._check_fixed()
+        check_margin(self.margin, self.boxes, self.unit)
+        if any(box.limits.max_mass is not None for box in self.boxes):
+            with about("max_mass"):
+                self._check_masses("limits on the mass in a box")
+        masses = [each.mass is None for each in self.parts]
+        if any(box.limits.balance is not None for box in self.boxes) and not all(masses):
+            with about("balance"):
+                self._check_masses("a balance by mass, since other parts have one,", "needs")
+        if self.settings.even and self.is_constrained:
+            with about("even"):
+                raise ArgumentError(
+                    "even is not possible with constraints, which parts that move break"
+                )
+        with about("powder"):
+            self._check_powder()
+        for box in self.boxes:
+            self.constraints.check_container(box.container)
+        if self.settings.groups:
+            with about("groups"):
+                self._check_groups()
+        if self.settings.order is not None and (lacking := self._without_stop()):
+            with about("order"):
+                raise ArgumentError(
+                    f"the order delivery needs a stop of each part: {lacking!r} has none; a "
+                    "manifest has the field 'stop'"
+                )
+
+    def _check_powder(self) -> None:
+        """Raise ArgumentError if a powder is asked for and not possible."""
+        if self.settings.powder is None:
+            return
+        self._check_masses("a powder", "needs")
+        for box in self.boxes:
+            if form_of(box.container) == "mesh":
+                raise ArgumentError(f"a powder needs a box or a cylinder, not {box.name!r}, a mesh")
+
+    def _check_fixed(self) -> None:
+        """Raise ArgumentError if the fixed parts can't be where they are."""
         if self.fixed and (len(self.boxes) > 1 or self.boxes[0].count != 1):
             raise ArgumentError("parts that are fixed need one box: they are only in that one")
         container = self.boxes[0].container
@@ -254,29 +306,6 @@ class PackTask:
                 raise ArgumentError(
                     f"{name} {fault}, in {self.unit}: choose a keep-out for what is not inside it"
                 )
-        check_margin(self.margin, self.boxes, self.unit)
-        if any(box.limits.max_mass is not None for box in self.boxes):
-            self._check_masses("limits on the mass in a box")
-        masses = [each.mass is None for each in self.parts]
-        if any(box.limits.balance is not None for box in self.boxes) and not all(masses):
-            self._check_masses("a balance by mass, since other parts have one,", "needs")
-        if self.settings.even and self.is_constrained:
-            raise ArgumentError(
-                "even is not possible with constraints, which parts that move break"
-            )
-        if self.settings.powder is not None:
-            self._check_masses("a powder", "needs")
-        for box in self.boxes:
-            self.constraints.check_container(box.container)
-            if self.settings.powder is not None and form_of(box.container) == "mesh":
-                raise ArgumentError(f"a powder needs a box or a cylinder, not {box.name!r}, a mesh")
-        if self.settings.groups:
-            self._check_groups()
-        if self.settings.order is not None and (lacking := self._without_stop()):
-            raise ArgumentError(
-                f"the order delivery needs a stop of each part: {lacking!r} has none; a manifest "
-                "has the field 'stop'"
-            )
 
     @property
     def unit(self) -> Unit:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from packit_sim.core.checks import Range, check_range
 from packit_sim.core.choices import Door
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, about
 from packit_sim.parts.handling.sweeps import check_door
 from packit_sim.parts.packings.bounds import LENGTHS, LOADS
 from packit_sim.parts.packings.container_files import form_of
@@ -133,9 +133,10 @@ class Constraints:
         for name, is_asked in asked.items():
             if is_asked and form != "box":
                 top = "straight moves through the top, or " if form == "cylinder" else ""
-                raise ArgumentError(
-                    f"{name} is not possible in {container.name!r}, a {form}: choose {top}a box"
-                )
+                with about(name.split()[0]):
+                    raise ArgumentError(
+                        f"{name} is not possible in {container.name!r}, a {form}: choose {top}a box"
+                    )
 
     def check_numbers(self, packing: Packing) -> None:
         """Raise ArgumentError if they name types or placements that a packing does not have."""

@@ -40,12 +40,12 @@ def without_lists(boxes: Boxes) -> tuple[Boxes, dict[str, Limits]]:
         If it is a spreadsheet, and the package that reads them is not installed.
     """
     several: Any = [boxes] if isinstance(boxes, OneBox) else boxes
-    if not any(map(_is_list, several)):
+    if not any(map(is_list, several)):
         return boxes, {}
     found: list[Any] = []
     limits: dict[str, Limits] = {}
     for each in several:
-        if not _is_list(each):
+        if not is_list(each):
             found.append(each)
             continue
         path = Path(each)
@@ -58,7 +58,8 @@ def without_lists(boxes: Boxes) -> tuple[Boxes, dict[str, Limits]]:
     return found, limits
 
 
-def _is_list(box: object) -> bool:
+def is_list(box: object) -> bool:
+    """Return whether a box is the path of a list of boxes."""
     return isinstance(box, str) and Path(box).suffix.lower() in SUFFIXES
 
 

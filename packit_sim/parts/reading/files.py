@@ -268,7 +268,7 @@ def _parts(
         known, unit_cm = _unit(each.raw.unit_cm, str(unit or settings.unit))
         if clearance is not None:
             with located("clearance", ArgumentError):
-                options["clearance"] = _own_length(clearance, known, unit_cm)
+                options["clearance"] = own_length(clearance, known, unit_cm)
         found.append(
             Part(
                 name,
@@ -287,8 +287,24 @@ def _parts(
     return found
 
 
-def _own_length(text: str, unit: Unit, unit_cm: float | None) -> float:
-    """Read a length in a file's unit, which a text without one has."""
+def own_length(text: str, unit: Unit, unit_cm: float | None) -> float:
+    """Read a length in a file's unit, which a text without one has.
+
+    Parameters
+    ----------
+    unit_cm : float, optional
+        The file's unit in cm if `unit` is not its name.
+
+    Returns
+    -------
+    float
+        The length.
+
+    Raises
+    ------
+    ArgumentError
+        If the text is something else.
+    """
     if unit_of(text) is None:
         return lengths(text, 1, unit)[0]
     return lengths(text, 1, unit)[0] * (1.0 if unit_cm is None else UNITS_CM[unit] / unit_cm)

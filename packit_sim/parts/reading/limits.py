@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from packit_sim.core.checks import Range, as_integer, check_range, shown
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, about
 from packit_sim.parts.packings.bounds import COUNTS, MASSES, SUM_ROUNDING
 
 GRAMS: Mapping[str, float] = {"g": 1.0, "kg": 1e3, "t": 1e6, "oz": 28.349523125, "lb": 453.59237}
@@ -173,12 +173,14 @@ def read_limits(
     readers = {"max-mass": _mass, "max-parts": _parts, "balance": _balance}
     for (option, read), texts in zip(readers.items(), (max_mass, max_parts, balance), strict=True):
         known = set()
-        for text in texts:
-            name, _, limit = text.rpartition(":")
-            if name in known:
-                raise ArgumentError(f"{option} {shown(text)}: there are two limits for these boxes")
-            known.add(name)
-            found[name] = read(limit).over(found.get(name, Limits()))
+        with about(option.replace("-", "_")):
+            for text in texts:
+                name, _, limit = text.rpartition(":")
+                if name in known:
+                    what = "there are two limits for these boxes"
+                    raise ArgumentError(f"{option} {shown(text)}: {what}")
+                known.add(name)
+                found[name] = read(limit).over(found.get(name, Limits()))
     return found
 
 

@@ -177,7 +177,9 @@ def read_manifest(path: Path) -> Manifest:
     for number, entry in entries:
         where = f"{path.name}, {what} {number}"
         try:
-            fields = _fields(entry, is_comma)
+            fields = part_fields(entry, is_comma)
+            if not fields.get("file"):
+                raise ArgumentError("it has no file")
         except ArgumentError as error:
             unread.append((where, str(error)))
             continue
@@ -269,8 +271,26 @@ def _json_entries(path: Path) -> Iterable[Mapping[str, Any]]:
     return content
 
 
-def _fields(entry: Mapping[str, Any], is_comma: bool) -> dict[str, Any]:
-    """Check the fields of a part."""
+def part_fields(entry: Mapping[str, Any], is_comma: bool = False) -> dict[str, Any]:
+    """Read the fields of a part.
+
+    Parameters
+    ----------
+    entry : mapping of str to object
+        The fields by name, as text or numbers.
+    is_comma : bool
+        Whether numbers as text have decimal commas.
+
+    Returns
+    -------
+    dict[str, object]
+        Fields of `Part`; a clearance stays text.
+
+    Raises
+    ------
+    ArgumentError
+        If a field is not known or not possible.
+    """
     found: dict[str, Any] = {}
     surplus: Mapping[str, Any] = {}
     for name, value in entry.items():
@@ -293,8 +313,6 @@ def _fields(entry: Mapping[str, Any], is_comma: bool) -> dict[str, Any]:
             what = kinds.get(_FIELDS[name], "a number")
             what += f", {' or '.join(SURPLUS)}" * (name == "count")
             raise ArgumentError(f"{name} {reprlib.repr(value)} is not {what}") from None
-    if not found.get("file"):
-        raise ArgumentError("it has no file")
     if found.get("count", 1) < 0:
         raise ArgumentError(f"count {found['count']} is not possible: at least 0")
     return {**found, **surplus}

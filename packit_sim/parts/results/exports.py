@@ -153,7 +153,7 @@ def write_result(
             for n in range(len(packed.packings))
         }
     if instructions:
-        steps[INSTRUCTIONS] = partial(write_instructions, packed)
+        steps[INSTRUCTIONS] = partial(write_instructions, packed, progress=progress)
     with staging(folder) as new:
         written = []
         for n, (name, write) in enumerate(steps.items()):

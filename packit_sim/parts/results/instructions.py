@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from packit_sim.core import templates
 from packit_sim.core.choices import BoxStyle, Door
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replace_text
+from packit_sim.core.progress import Progress, unseen
 from packit_sim.core.version import __version__
 from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.motions import IDENTITY
@@ -129,13 +131,15 @@ class BoxSteps:
     picture: str
 
 
-def write_instructions(packed: PackedParts, path: Path | str) -> Path:
+def write_instructions(packed: PackedParts, path: Path | str, progress: Progress = unseen) -> Path:
     """Write printable instructions for packing parts, as one self-contained HTML file.
 
     Parameters
     ----------
     path : Path or str
         The HTML file.
+    progress : callable, optional
+        Called with the number of steps that are drawn.
 
     Returns
     -------
@@ -154,7 +158,10 @@ def write_instructions(packed: PackedParts, path: Path | str) -> Path:
         (f"Box {n}: {contents.container.name}" if several else "Box", contents)
         for n, contents in enumerate(packed.contents, start=1)
     ]
-    return packing_instructions(path, boxes, packed.task.unit, constraints=packed.task.constraints)
+    constraints = packed.task.constraints
+    return packing_instructions(
+        path, boxes, packed.task.unit, constraints=constraints, progress=progress
+    )
 
 
 def packing_instructions(
@@ -163,6 +170,7 @@ def packing_instructions(
     unit: str = "mm",
     title: str = "Packing instructions",
     constraints: Constraints | None = None,
+    progress: Progress = unseen,
 ) -> Path:
     """Write printable instructions for any packings, as one self-contained HTML file.
 
@@ -178,6 +186,8 @@ def packing_instructions(
         The constraints that the packings meet: the door through which parts come in and by which
         moves, and the stops at which they are delivered. The fixed parts are in the box from the
         start, if there is one packing.
+    progress : callable, optional
+        Called with the number of steps that are drawn.
 
     Returns
     -------
@@ -196,7 +206,13 @@ def packing_instructions(
     for name, packing in boxes:
         require_known_ways("instructions", name, packing)
     met = constraints or Constraints()
-    steps = [one for name, packing in boxes for one in _boxes(name, packing, unit, met)]
+    total = sum(len(packing.placements) for _, packing in boxes) - len(met.fixed)
+    drawn = itertools.count()
+
+    def next_step() -> None:
+        progress("drawing the instructions", next(drawn), total)
+
+    steps = [one for name, packing in boxes for one in _boxes(name, packing, unit, met, next_step)]
     here = Path(__file__).parent
     content = {
         "title": title,
@@ -209,18 +225,29 @@ def packing_instructions(
     return path
 
 
-def _boxes(name: str, packing: Packing, unit: str, constraints: Constraints) -> Iterator[BoxSteps]:
+def _boxes(
+    name: str,
+    packing: Packing,
+    unit: str,
+    constraints: Constraints,
+    next_step: Callable[[], object],
+) -> Iterator[BoxSteps]:
     """Yield the steps of each box of a packing."""
     sweeps = sweeps_of(packing)
     numbers = sorted({placement.box for placement in packing.placements})
     for count, box in enumerate(numbers, start=1):
         own = [n for n, placement in enumerate(packing.placements) if placement.box == box]
         label = name if len(numbers) == 1 else f"{name}, {count} of {len(numbers)}"
-        yield _box(label, sweeps, own, unit, constraints)
+        yield _box(label, sweeps, own, unit, constraints, next_step)
 
 
 def _box(
-    name: str, sweeps: PartSweeps, own: Sequence[int], unit: str, constraints: Constraints
+    name: str,
+    sweeps: PartSweeps,
+    own: Sequence[int],
+    unit: str,
+    constraints: Constraints,
+    next_step: Callable[[], object],
 ) -> BoxSteps:
     packing, fixed = sweeps.packing, constraints.fixed
     order, routes = ways_in(sweeps, own, constraints)
@@ -232,6 +259,7 @@ def _box(
     alone: dict[tuple[str, bytes], str] = {}
     with Scene(BoxState(whole.cells, ())) as scene:
         for n, part in enumerate(order[start:], start=start):
+            next_step()
             placement, item = packing.placements[part], whole.placed[n]
             scene.update(BoxState(whole.cells, (*lines, *whole.placed[: n + 1])))
             picture = _step_picture(scene, n + len(lines), box, front)

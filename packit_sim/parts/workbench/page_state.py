@@ -13,9 +13,8 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.results.check import check
-from packit_sim.parts.results.page import add_box
 from packit_sim.parts.results.summary import summary
-from packit_sim.web.page_models import Models
+from packit_sim.parts.workbench.scenes import box_scenes
 
 MAX_RESULTS = 20
 """Most results that can be undone."""
@@ -58,17 +57,10 @@ class ShownPacking:
 
     def to_json(self) -> dict[str, Any]:
         """Return what the page shows of it, with the check once its files are written."""
-        models = Models()
-        boxes = []
-        for packing in self.packed.packings:
-            add_box(models, packing)
-            names = [self.packed.part(one).part.name for one in packing.placements]
-            boxes.append({"name": packing.container.name, "parts": names})
         found = check(self.packed) if self.files else None
         left_out = self.packed.left_out
         return {
-            "models": models.to_json(),
-            "boxes": boxes,
+            **box_scenes(self.packed),
             "locked": list(self.locked),
             "can lock": self.can_lock,
             "left out": [f"{each.count} x {each.name}: {each.reason}" for each in left_out],
@@ -154,6 +146,7 @@ class PageState:
         self._changing = threading.Lock()
         self._version = 0
         self._message = ""
+        self._faults: dict[str, str] = {}
         self._is_busy = False
         self._history = History()
         self.shown: ShownPacking | None = None
@@ -171,20 +164,31 @@ class PageState:
         with self._changing:
             was_busy, self._is_busy = self._is_busy, True
             self._version += not was_busy
-            self._message = self._message if was_busy else message
+            if not was_busy:
+                self._message, self._faults = message, {}
         return not was_busy
 
-    def end(self, message: str, result: ShownPacking | None = None, is_new: bool = True) -> None:
+    def end(
+        self,
+        message: str,
+        result: ShownPacking | None = None,
+        is_new: bool = True,
+        fault: ArgumentError | None = None,
+    ) -> None:
         """End the work; without a result, the current one is shown again.
 
         Parameters
         ----------
         is_new : bool
             Whether the result follows the current one; else it is the same, with its files.
+        fault : ArgumentError, optional
+            Why it failed, for the field that it is about.
         """
         with self._changing:
             self._version += 1
             self._message, self._is_busy = message, False
+            if fault is not None and fault.setting:
+                self._faults = {fault.setting: str(fault)}
             if result is not None:
                 is_first = self._history.current is None
                 (self._history.add if is_new or is_first else self._history.change)(result)
@@ -199,6 +203,14 @@ class PageState:
             self._message = ""
             self.shown = self._history.current
         return True
+
+    def result(self, key: str) -> ShownPacking:
+        """Return the current result, which has a key; raise ArgumentError if there is none."""
+        with self._changing:
+            now = self._history.current
+            if self._is_busy or now is None or now.key != key:
+                raise ArgumentError("the packing has changed meanwhile: look at it again")
+            return now
 
     def lock(self, part: int, is_locked: bool) -> None:
         """Lock a part of the result that is shown, or unlock it.
@@ -241,6 +253,7 @@ class PageState:
             state: dict[str, Any] = {
                 "version": version,
                 "message": self._message,
+                "faults": self._faults,
                 "busy": self._is_busy,
                 "undo": not (self._is_busy or self._history.is_first),
                 "redo": not (self._is_busy or self._history.is_last),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, about
 from packit_sim.parts.filling.candidates import candidate, in_order
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.search import PackingSearch
@@ -77,6 +77,9 @@ def _kept(
     """Return the locked parts as placements of a task."""
     if not locked:
         return ()
+    if task.settings.groups:
+        with about("groups"):
+            raise ArgumentError("parts can't be locked together with a rule for groups")
     if earlier is None or len(earlier.packings) != 1 or len(task.boxes) != 1:
         raise ArgumentError("parts can only be locked in a single box")
     items = items_of(earlier, task.unit)

@@ -8,32 +8,33 @@ import tempfile
 import threading
 import time
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from http import HTTPStatus
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, cast
 
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
-from packit_sim.core.choices import Goal
 from packit_sim.core.errors import ArgumentError, PackItError, message
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.temporary_folders import TemporaryFolder
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
-from packit_sim.parts.filling.task import PackSettings
-from packit_sim.parts.reading.boxes import MeshBox, box_types
+from packit_sim.parts.reading.named_containers import named_containers
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
-from packit_sim.parts.reading.units import check_unit, lengths
+from packit_sim.parts.reading.units import check_unit
 from packit_sim.parts.results.exports import export
+from packit_sim.parts.workbench.jobs import PackingJob, ReadJob, checked_job, read_job
+from packit_sim.parts.workbench.moving import MAX_MOVES, Move, MovedParts
 from packit_sim.parts.workbench.page_state import PageState, ShownPacking
 from packit_sim.parts.workbench.preview import preview
 from packit_sim.parts.workbench.repacking import repacked
-from packit_sim.parts.workbench.uploads import MAX_BYTES, MAX_FILES, Upload, Uploads
+from packit_sim.parts.workbench.uploads import MAX_BYTES, Uploads
 from packit_sim.web.http_server import (
     HttpRoute,
     HttpServer,
@@ -51,6 +52,9 @@ _MAX_JSON = 2**20
 
 _CHUNK = 2**20
 
+MAX_CONFLICTS = 100
+"""Most conflicts of moved parts that an answer has, the first ones."""
+
 _CHECKING = "checking the result"
 
 _TYPES = {
@@ -64,28 +68,6 @@ _TYPES = {
 """Media types of the files of a packing."""
 
 _log = plain_logger(__name__)
-
-
-class _Asked(Struct, forbid_unknown_fields=True):
-    """A file's parts to pack: how many of them, and their rotations."""
-
-    number: int
-    count: Annotated[int, Meta(ge=0)]
-    rotations: str
-
-
-class PackingJob(Struct, forbid_unknown_fields=True):
-    """A job of packing, as the page sends it."""
-
-    box: str
-    unit: str
-    files: Annotated[list[_Asked], Meta(max_length=MAX_FILES)]
-    objective: Goal = "volume"
-    clearance: str = "0"
-    wall_clearance: str = "0"
-    seconds: Annotated[float, Meta(gt=0, le=86400)] = 60.0
-    seed: Annotated[int, Meta(ge=0)] = 0
-    instructions: bool = False
 
 
 class _Files(Struct, forbid_unknown_fields=True):
@@ -104,6 +86,13 @@ class _Lock(Struct, forbid_unknown_fields=True):
 class _FileUnit(Struct, forbid_unknown_fields=True):
     number: int
     unit: str
+
+
+class _Moves(Struct, forbid_unknown_fields=True):
+    packing: str
+    moves: Annotated[list[Move], Meta(max_length=MAX_MOVES)]
+    box: int = 0
+    accept: bool = False
 
 
 class Workbench:
@@ -144,6 +133,7 @@ class Workbench:
         self._results = itertools.count(1)
         self._search: threading.Thread | None = None
         self._stop = threading.Event()
+        self._checking = threading.Lock()  # one order or packing at a time: meshes need memory
         try:
             self._server = HttpServer(self._routes(), host, port)
         except BaseException:
@@ -173,7 +163,7 @@ class Workbench:
         script, style = "text/javascript; charset=utf-8", "text/css; charset=utf-8"
         fixed = {
             "/": (here / "page.html", "text/html; charset=utf-8"),
-            "/page.js": (here / "page.js", script),
+            **{f"/{file.name}": (file, script) for file in (here / "scripts").glob("*.js")},
             "/page.css": (here / "page.css", style),
             "/pages.css": (shared["style"], style),
             "/box_scene.js": (shared["scene"], script),
@@ -189,6 +179,8 @@ class Workbench:
             ("POST", "/unit"): HttpRoute(self._set_unit, _MAX_JSON),
             ("POST", "/order"): HttpRoute(self._keep_order, _MAX_JSON),
             ("POST", "/lock"): HttpRoute(self._lock, _MAX_JSON),
+            ("POST", "/moves"): HttpRoute(self._move_parts, _MAX_JSON),
+            ("GET", "/containers"): HttpRoute(self._containers),
             ("POST", "/pack"): HttpRoute(self._pack, _MAX_JSON),
             ("POST", "/stop"): HttpRoute(self._end),
             ("POST", "/undo"): HttpRoute(lambda _: self._move(-1)),
@@ -217,22 +209,48 @@ class Workbench:
         return WebAnswer.of_json({})
 
     def _keep_order(self, request: WebRequest) -> WebAnswer:
-        """Keep the order as it is on the page; return its preview, or why there is none."""
+        """Keep the order as it is on the page; return its faults, and its preview."""
         job = _read(request, PackingJob)
         self._page.order = typed_json.builtins(job)
-        try:
-            unit = check_unit(job.unit)
-            _refuse_files(job.box)
-            box = box_types(job.box, unit, 1)[0]
-            asked = {each.number: each.count for each in job.files}
-            ordered = [
-                (part, shape, asked.get(each.number, 1) * part.count)
-                for each in list(self._uploads.files.values())
+        with self._checking:
+            return WebAnswer.of_json(self._checked(job))
+
+    def _checked(self, job: PackingJob) -> dict[str, Any]:
+        """Return the faults of an order, and its preview as far as there is one."""
+        uploads = dict(self._uploads.files)
+        checked = checked_job(job, uploads)
+        answer: dict[str, Any] = {"faults": checked.faults}
+        if checked.read is not None:
+            shapes = {
+                part.name: shape
+                for each in uploads.values()
                 for part, shape in zip(each.parts, each.shapes, strict=True)
-            ]
-            return WebAnswer.of_json(preview(box, unit, ordered))
-        except PackItError as error:
-            return WebAnswer.of_json({"fault": str(error)})
+            }
+            settings = checked.read.settings
+            obstacles = cast(list[Part], [*settings.fixed, *settings.keep_out])
+            ordered, in_place = (
+                [(part, shapes[part.name]) for part in own]
+                for own in (checked.read.parts, obstacles)
+            )
+            assert settings.unit is not None
+            answer |= preview(checked.boxes[0], settings.unit, ordered, in_place)
+        return answer
+
+    def _containers(self, request: WebRequest) -> WebAnswer:
+        """Return the containers that have a name."""
+        known = named_containers().values()
+        return WebAnswer.of_json([[one.name, f"{one.kind}, {one.size}"] for one in known])
+
+    def _move_parts(self, request: WebRequest) -> WebAnswer:
+        """Return the conflicts of parts that are moved by hand, or begin to accept their places."""
+        asked = _read(request, _Moves)
+        shown = self._page.result(asked.packing)
+        moved = MovedParts.of(shown.packed, asked.box, asked.moves)
+        if asked.accept:
+            return self._begun(lambda: self._start(self._accept, shown.key, moved), _CHECKING)
+        with self._checking:
+            found = list(islice(moved.conflicts(), MAX_CONFLICTS))
+        return WebAnswer.of_json({"conflicts": [each.to_json() for each in found]})
 
     def _lock(self, request: WebRequest) -> WebAnswer:
         asked = _read(request, _Lock)
@@ -263,7 +281,8 @@ class Workbench:
         try:
             begin()
         except BaseException as error:
-            self._page.end(f"error: {error}")
+            fault = error if isinstance(error, ArgumentError) else None
+            self._page.end(f"error: {error}", fault=fault)
             raise
         return WebAnswer.of_json({})
 
@@ -273,20 +292,16 @@ class Workbench:
 
     def _begin(self, job: PackingJob) -> None:
         """Start the search of a job, which keeps the files that it needs."""
-        _refuse_files(job.box)
         self._stop = threading.Event()
-        uploads = ExitStack()
+        kept = ExitStack()
         with ExitStack() as failed:
-            failed.push(uploads)
-            numbers = [asked.number for asked in job.files]
-            parts = _parts(job, uploads.enter_context(self._uploads.kept(numbers)))
-            settings = PackSettings(
-                clearance=_length(job.clearance, job.unit),
-                wall_clearance=_length(job.wall_clearance, job.unit),
-                unit=check_unit(job.unit),
-                stop=self._stop,
-            )
-            self._start(self._run, job, parts, settings, self._page.shown, uploads)
+            failed.push(kept)
+            files = kept.enter_context(self._uploads.kept(set(job.numbers)))
+            read = read_job(job, {each.number: each for each in files}, stop=self._stop)
+            if not read.parts:
+                what = "each count is 0" if job.files else "there are no parts: send mesh files"
+                raise ArgumentError(what)
+            self._start(self._run, job, read, self._page.shown, kept)
             failed.pop_all()
 
     def _start(self, work: Callable[..., None], *arguments: Any) -> None:
@@ -299,7 +314,8 @@ class Workbench:
         try:
             work(*arguments)
         except (PackItError, OSError) as error:
-            self._page.end(f"error: {message(error)}")
+            fault = error if isinstance(error, ArgumentError) else None
+            self._page.end(f"error: {message(error)}", fault=fault)
         except Exception as error:
             _log.exception("the work failed")
             self._page.end(f"unexpected error: {error}")
@@ -307,10 +323,9 @@ class Workbench:
     def _run(
         self,
         job: PackingJob,
-        parts: list[Part],
-        settings: PackSettings,
+        read: ReadJob,
         before: ShownPacking | None,
-        uploads: ExitStack,
+        kept: ExitStack,
     ) -> None:
         """Search, and then let go of the files that were sent."""
         start = time.perf_counter()
@@ -325,8 +340,8 @@ class Workbench:
                 ShownPacking(packed, locked),
             )
 
-        with uploads:
-            task = prepared_task(parts, job.box, job.objective, settings, show_step)
+        with kept:
+            task = prepared_task(read.parts, read.box, job.objective, read.settings, show_step)
             task.check_ways(job.instructions, film=False)
             end = max(start + job.seconds, time.perf_counter() + job.seconds / 3)
             earlier, locked = (None, ()) if before is None else (before.packed, before.locked)
@@ -336,6 +351,21 @@ class Workbench:
             shown = ShownPacking(packed, locked)
             self._page.note(shown=shown)
             self._export(shown, job.instructions, before, time.perf_counter() - start)
+
+    def _accept(self, key: str, moved: MovedParts) -> None:
+        """Make a packing of which parts were moved a new result, in which they are locked."""
+        before = self._page.shown
+        if before is None or before.key != key:
+            raise ArgumentError("the packing has changed meanwhile: look at it again")
+
+        def show_step(step: str, done: int, total: int) -> None:
+            self._page.note(f"{step}, {done} of {total}")
+
+        packed, stay = moved.accepted(before.locked, show_step)
+        result = ShownPacking(packed, stay if before.can_lock else ())
+        count = len(moved.numbers)
+        what = f"done: {count} part{'s' * (count > 1)} moved" + " and locked" * before.can_lock
+        self._page.end(what, result)
 
     def _export(
         self,
@@ -402,29 +432,6 @@ class Workbench:
         return WebAnswer(file, _TYPES[Path(request.path).suffix], name)
 
 
-def _parts(job: PackingJob, files: Sequence[Upload]) -> list[Part]:
-    """Return the parts of a job."""
-    found = [
-        replace(part, count=asked.count * part.count, rotations=asked.rotations)
-        for asked, upload in zip(job.files, files, strict=True)
-        for part in upload.parts
-        if asked.count > 0
-    ]
-    if not found:
-        what = "each count is 0" if job.files else "there are no parts: send mesh files"
-        raise ArgumentError(what)
-    return found
-
-
-def _refuse_files(box: str) -> None:
-    """Raise ArgumentError if a box is a file of this machine, which others may not see."""
-    if MeshBox.parse(box) is not None:
-        raise ArgumentError(
-            f"box {box!r:.80} is a file: choose sides, such as 300x200x150mm or "
-            "cylinder:220x300mm; packit pack takes meshes"
-        )
-
-
 def _done(shown: ShownPacking, before: ShownPacking | None, seconds: float) -> str:
     """Return what a search has changed."""
     packed = shown.packed
@@ -447,7 +454,3 @@ def _file(file: Path, kind: str) -> Any:
 
 def _read(request: WebRequest, kind: type[Any]) -> Any:
     return typed_json.decode(request.body.read(), kind, RequestError, "the request")
-
-
-def _length(text: str, unit: str) -> float:
-    return lengths(text, 1, check_unit(unit))[0]

@@ -1,0 +1,124 @@
+// Fields of the order that are generated from one table, with their values as the server reads them.
+import { element, get } from "./page.js";
+
+const AT_LEAST_0 = "Choose a number of at least 0.";
+const GRAMS = ["g", "kg", "oz", "lb"];
+
+// kind: length (text with a unit), seconds, flag, count, mass or choices; in: where it is on the page.
+const FIELDS = [
+  { in: "basic", name: "clearance", label: "Distance between parts", kind: "length", value: "0" },
+  { in: "basic", name: "wall_clearance", label: "Distance to the walls", kind: "length", value: "0" },
+  { in: "basic", name: "seconds", label: "Time in seconds", kind: "seconds", value: "30" },
+  { in: "Distances", name: "clearance_z", label: "Between parts, one above the other", kind: "length", hint: "same" },
+  { in: "Distances", name: "wall_sides", label: "To the sides", kind: "wall", wall: "sides", hint: "same" },
+  { in: "Distances", name: "wall_floor", label: "To the floor", kind: "wall", wall: "floor", hint: "same" },
+  { in: "Distances", name: "wall_top", label: "To the top", kind: "wall", wall: "top", hint: "same" },
+  { in: "Rules for all parts", name: "removable", label: "each can be taken out by straight moves", kind: "flag" },
+  { in: "Rules for all parts", name: "insertable", label: "each can be put in straight down", kind: "flag" },
+  { in: "Rules for all parts", name: "separable", label: "none are linked: each can be moved out without turning", kind: "flag" },
+  { in: "Rules for all parts", name: "stable", label: "Most that one may move under gravity", kind: "length", hint: "any" },
+  { in: "Boxes and limits", name: "boxes", label: "Number of boxes of each size", kind: "count", hint: "auto" },
+  { in: "Boxes and limits", name: "max_mass", label: "Most mass in a box", kind: "mass", hint: "any" },
+  { in: "Boxes and limits", name: "max_parts", label: "Most parts in a box", kind: "count", isList: true, hint: "any" },
+  { in: "Groups", name: "groups", label: "", kind: "choices", choices: {
+    together: "all of a group in one box", apart: "never two groups in one box", kit: "a group is whole in one box, or not packed" } },
+];
+
+const form = () => get("order").elements;
+
+export function buildFields() {
+  const more = new Map();
+  for (const field of FIELDS) {
+    let place = get(field.in);
+    if (!place) {
+      if (!more.has(field.in)) {
+        more.set(field.in, element("fieldset", null, {}, element("legend", field.in)));
+        get("more").append(more.get(field.in));
+      }
+      place = more.get(field.in);
+    }
+    place.append(...(field.kind === "choices" ? choices(field) : [labelled(field)]));
+    const where = field.kind === "wall" ? "wall_clearance" : field.name;
+    if (!get(`fault-${where}`)) place.append(element("p", "", { className: "fault", id: `fault-${where}`, role: "alert" }));
+  }
+}
+
+function labelled(field) {
+  const where = field.kind === "wall" ? "wall_clearance" : field.name;
+  const input = element("input", null, { name: field.name });
+  input.setAttribute("aria-describedby", `fault-${where}`);
+  if (field.kind === "flag") {
+    input.type = "checkbox";
+    return element("label", null, {}, input, ` ${field.label}`);
+  }
+  Object.assign(input, { type: "number", step: "any", min: 0, value: field.value || "", placeholder: field.hint || "" });
+  Object.assign(input.dataset, { fault: AT_LEAST_0, name: where });
+  if (field.kind === "seconds") Object.assign(input, { min: 1, max: 86400, required: true });
+  if (field.kind === "seconds") input.dataset.fault = "Choose 1 to 86,400 seconds.";
+  if (field.kind === "count") Object.assign(input, { min: 1, step: 1 });
+  if (field.kind === "count") input.dataset.fault = "Choose a whole number from 1 on.";
+  const made = element("label", `${field.label} `, {}, input);
+  if (field.kind === "mass") {
+    const unit = element("select", null, { name: `${field.name}_unit` }, ...GRAMS.map((name) => element("option", name)));
+    unit.setAttribute("aria-label", `Unit of: ${field.label}`);
+    unit.value = "kg";
+    made.append(unit);
+  }
+  return made;
+}
+
+function choices(field) {
+  return Object.entries(field.choices).map(([value, text]) => {
+    const input = element("input", null, { type: "checkbox", name: field.name, value });
+    input.setAttribute("aria-describedby", `fault-${field.name}`);
+    return element("label", null, {}, input, ` ${text}`);
+  });
+}
+
+// The value of a number's field, or "" if it is none.
+function number(name) {
+  const input = form()[name];
+  return input.checkValidity() ? input.value : "";
+}
+
+// Return the values of all fields, as `PackingJob` has them.
+export function fieldValues() {
+  const unit = form().unit.value;
+  const found = {};
+  const walls = [];
+  for (const { name, kind, wall, value, isList } of FIELDS) {
+    if (kind === "flag") found[name] = form()[name].checked;
+    else if (kind === "choices") found[name] = [...form()[name]].filter((each) => each.checked).map((each) => each.value);
+    else if (kind === "wall") walls.push([wall, number(name)]);
+    else if (kind === "length") found[name] = number(name) ? number(name) + unit : value ? `0${unit}` : null;
+    else if (kind === "seconds") found[name] = Number(number(name) || value);
+    else if (kind === "mass") found[name] = number(name) ? [number(name) + form()[`${name}_unit`].value] : [];
+    else if (isList) found[name] = number(name) ? [number(name)] : [];
+    else found[name] = number(name) ? Number(number(name)) : null;
+  }
+  if (walls.some(([, text]) => text)) {
+    const all = number("wall_clearance") || "0";
+    found.wall_clearance = walls.map(([wall, text]) => `${wall}=${text || all}${unit}`).join(",");
+  }
+  return found;
+}
+
+const plain = (text) => (/^[-+.\d]+(e[-+]?\d+)?/i.exec(text || "") || [""])[0];
+
+export function restoreFields(job) {
+  const walls = Object.fromEntries((job.wall_clearance.includes("=") ? job.wall_clearance : "").split(",").map((each) => each.split("=")));
+  for (const { name, kind, wall, isList } of FIELDS) {
+    const field = form()[name];
+    if (kind === "flag") field.checked = job[name];
+    else if (kind === "choices") field.forEach((each) => { each.checked = job[name].includes(each.value); });
+    else if (kind === "wall") field.value = plain(walls[wall]);
+    else if (kind === "mass") {
+      field.value = plain(job[name][0]);
+      if (job[name].length) form()[`${name}_unit`].value = job[name][0].slice(plain(job[name][0]).length);
+    } else if (isList) field.value = job[name][0] || "";
+    else if (name === "wall_clearance") field.value = walls.sides === undefined ? plain(job[name]) : "0";
+    else field.value = job[name] === null ? "" : plain(String(job[name]));
+    const place = field.closest ? field.closest("details") : null;
+    if (place && field.value !== (field.defaultValue || "") && field.type !== "checkbox") place.open = true;
+  }
+}
