@@ -27,8 +27,8 @@ from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.evaluation.results import Rollout
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.robot.cell import RobotCell
-from packit_sim.robot.executed_item import Outcome
-from packit_sim.robot.measures import MEASURES, has_moved, resting_poses
+from packit_sim.robot.executed_item import Outcome, movement
+from packit_sim.robot.measures import MEASURES, resting_poses
 from packit_sim.robot.trajectory import Trajectory
 
 AGENT = "champion"
@@ -77,8 +77,8 @@ def failures(file: Path, rollouts: Sequence[Rollout]) -> dict[str, int]:
             if one.outcome is not Outcome.PLACED:
                 counts[one.outcome.value] += 1
                 continue
-            counts["displaced"] += has_moved(one.planned, ends[n][n])
-            counts["collapsed"] += any(has_moved(ends[n][n], end[n]) for end in ends[n + 1 :])
+            counts["displaced"] += movement(one.planned, ends[n][n]) > 1
+            counts["collapsed"] += any(movement(ends[n][n], end[n]) > 1 for end in ends[n + 1 :])
             counts["not inside"] += not trajectory.cell.holds(trajectory.cells, ends[-1][n])
     return counts
 

@@ -186,7 +186,7 @@ class RobotCell:
             speed=POSITIVE,
             acceleration=POSITIVE,
             clearance=Range(0.001, 1.0),
-            gap=Range(0.0, 0.02),
+            gap=Range(0.0001, 0.02),
         )
 
     @property

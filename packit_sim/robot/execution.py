@@ -84,12 +84,14 @@ def execute(
     radius: float,
     route: Route,
     *,
-    is_free: bool,
     cell: RobotCell,
     cells: Triple,
     arm: Arm,
 ) -> Execution:
     """Put one item into the box, in a new world in which everything starts at rest.
+
+    The exact swept test must have proved that the item meets nothing on its way down: its convex
+    pieces, which are thicker than its mesh, collide with nothing before the release.
 
     Parameters
     ----------
@@ -105,9 +107,6 @@ def execute(
         Radius of the cup, m.
     route : Route
         The motion of the arm.
-    is_free : bool
-        Whether the exact swept test proves that the item meets nothing on its way down. Then its
-        convex pieces, which are thicker than its mesh, collide with nothing before the release.
 
     Returns
     -------
@@ -131,8 +130,6 @@ def execute(
         run.drive(route.approach)
         world.grip(item)
         run.held_from()
-        if not is_free:
-            world.collide(item, True)
         hold = cell.gripper.force(radius)
         lost = run.drive(route.carry, (hold, hold * radius))
         world.collide(item, True)
