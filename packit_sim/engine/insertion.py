@@ -145,7 +145,7 @@ def is_insertable(placed: Sequence[ItemInBox], candidate: ItemInBox) -> bool:
     return bool(insertable_mask(over, candidate.item, mask)[candidate.location])
 
 
-def free_fall(candidate: PlacedItem, other: ItemInBox) -> float:
+def free_fall(candidate: ItemInBox, other: ItemInBox) -> float:
     """Compute how far an item can move straight down until it meets another one.
 
     Returns
@@ -153,8 +153,11 @@ def free_fall(candidate: PlacedItem, other: ItemInBox) -> float:
     float
         Distance in box units; inf if they never meet.
     """
-    offset = -_offsets(candidate.item, np.array([candidate.location]), other)[0]
-    return float(least_rise(_surface(other), surface(candidate.item), offset, 0.0))
+    if isinstance(candidate, PlacedItem):
+        offset = _offsets(candidate.item, np.array([candidate.location]), other)[0]
+    else:
+        offset = other.center - candidate.center
+    return float(least_rise(_surface(other), _surface(candidate), -offset, 0.0))
 
 
 def blockers_above(placed: Sequence[ItemInBox], candidate: PlacedItem) -> tuple[int, ...]:

@@ -9,10 +9,10 @@ import trimesh
 
 from packit_sim import placement
 from packit_sim.geometry.items import ItemInBox, PlacedItem, PosedItem
-from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
 from packit_sim.robot.arm import Arm
-from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.cell import Cells, RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, Outcome
 from packit_sim.robot.execution import Execution, execute, presented, tool_path
 from packit_sim.robot.grasps import best_grasp, grasp_off_the_grid
@@ -25,7 +25,7 @@ def attempt(
     planned: PosedItem,
     *,
     cell: RobotCell,
-    cells: Triple,
+    cells: Cells,
     arm: Arm,
 ) -> tuple[ExecutedItem, ...]:
     """Let the arm try to put an item into the box.
@@ -43,7 +43,8 @@ def attempt(
     -------
     tuple of ExecutedItem
         All items that were tried, and last this one, where they are afterwards. It has the outcome
-        `no path` if it would meet another item, where that really is, on its way straight down.
+        `no path` if it would meet another item, where that really is, on its way straight down, or
+        protrude from the box.
     """
     number = len(tried)
     there = [n for n, one in enumerate(tried) if is_over(cells, one.posed)]
@@ -55,7 +56,8 @@ def attempt(
         grasp = grasp_off_the_grid(planned, cell)
     route = None
     released = planned.moved(Motion.shift((0.0, 0.0, cell.gap / cell.edge)))
-    if grasp is not None and placement.is_insertable(actual, released):
+    is_free = cell.holds(cells, planned) and placement.is_insertable(actual, released)
+    if grasp is not None and is_free:
         path = tool_path(actual, aside, planned, grasp, cell=cell, cells=cells)
         route = arm.route(path, _load(aside, cell), (cell.seed, number))
     if grasp is None or route is None:
@@ -80,7 +82,7 @@ def attempt(
     return tuple(now)
 
 
-def is_over(cells: Triple, posed: PosedItem) -> bool:
+def is_over(cells: Cells, posed: PosedItem) -> bool:
     """Decide whether an item is in or above a box: others are cleared away."""
     x, y, _ = posed.center
     return bool(0 <= x <= cells[0] * CELL and 0 <= y <= cells[1] * CELL)

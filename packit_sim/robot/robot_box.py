@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ from packit_sim.robot.attempts import attempt, is_over
 from packit_sim.robot.cell import RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, movement
 from packit_sim.robot.grasps import best_grasp
+
+_FORESIGHT = 1.0
+"""Simulated seconds after a release in which a placement shows how much it disturbs."""
 
 
 class RobotBox(BaseBox[Any]):
@@ -131,7 +135,8 @@ class RobotBox(BaseBox[Any]):
         else:
             there = [one for one in self._tried if is_over(self.cells, one.posed)]
             starts, landed = [one.posed for one in there], [one.landed for one in there]
-        settled = settle(BoxState(self.cells, (*starts, planned)), self.cell.world)
+        world = replace(self.cell.world, time_limit=_FORESIGHT)
+        settled = settle(BoxState(self.cells, (*starts, planned)), world)
         return max(
             movement(before, after.posed)
             for before, after in zip((*landed, planned), settled.items, strict=True)

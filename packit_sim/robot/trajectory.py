@@ -19,7 +19,7 @@ from packit_sim.geometry.items import ItemInBox, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.cell import Cells, RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, Outcome
 from packit_sim.robot.recording import Recording
 
@@ -56,7 +56,7 @@ class AttemptRecord(msgspec.Struct, frozen=True):
 
 class _Head(msgspec.Struct, frozen=True):
     format: int
-    cells: Triple
+    cells: Cells
     cell: RobotCell
     attempts: tuple[AttemptRecord, ...]
 
@@ -85,16 +85,16 @@ class Trajectory:
 
     Attributes
     ----------
-    cells : Triple
+    cells : Cells
         The cells of the box along x, y and z.
     """
 
     cell: RobotCell
-    cells: Triple
+    cells: Cells
     attempts: tuple[Attempt, ...]
 
     @classmethod
-    def of(cls, cell: RobotCell, cells: Triple, items: Sequence[ExecutedItem]) -> Trajectory:
+    def of(cls, cell: RobotCell, cells: Cells, items: Sequence[ExecutedItem]) -> Trajectory:
         """Return the trajectory of a box's items."""
         attempts = (Attempt(i.chosen, i.planned, i.outcome, i.recording) for i in items)
         return cls(cell, cells, tuple(attempts))
