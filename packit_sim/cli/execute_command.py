@@ -47,7 +47,7 @@ def execute_command(
         typer.Option(
             autocompletion=completion.agents,
             help="Agent without a search (see `packit agents list`); may be repeated; default: "
-            "champion.",
+            "stable-champion.",
         ),
     ] = None,
     arm: Annotated[
@@ -137,7 +137,7 @@ def execute_command(
         raise ArgumentError(f"--replay has no effect on {dataset}: it is for packings (.json)")
     checked_dataset(dataset)
     rules = packit_sim.Rules(robot=cell)
-    agents = [packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or ["champion"])]
+    agents = [packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or ["stable-champion"])]
     for one in agents:
         one.check_rules(rules)
     opened = inputs.open_library(library, dataset, split)
