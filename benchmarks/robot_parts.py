@@ -26,9 +26,7 @@ from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.robot.cell import RobotCell
 from packit_sim.robot.executed_item import Outcome
 
-SETTINGS = PackSettings(
-    insertable=True, clearance=1.0, wall_clearance=1.0, unit="mm", workers=1, stable=True
-)
+SETTINGS = PackSettings(insertable=True, clearance=1.0, wall_clearance=1.0, unit="mm", workers=1)
 
 COLUMNS = ("parts executed", "executed", "collapses", "displacement", "penetration", "seconds")
 
@@ -78,8 +76,8 @@ def measured(record: Path, cell: RobotCell) -> dict[str, Any]:
     (box,) = execute_packing(record, cell)
     outcomes = [one.outcome for one in box.trajectory.attempts]
     return {
-        "parts": len(box.names),
-        "parts executed": box.inside / len(box.names),
+        "parts": len(outcomes),
+        "parts executed": box.inside / len(outcomes),
         "executed": box.executed,
         "outcomes": {str(one): outcomes.count(one) for one in Outcome},
         **box.scores,

@@ -1,4 +1,4 @@
-"""An arm puts the parts of packings in: records, real sizes, plans, and replays elsewhere."""
+"""An arm executes plans: packings of parts at real sizes, stored packs, and replays elsewhere."""
 
 from __future__ import annotations
 
@@ -12,18 +12,23 @@ import pytest
 from lxml import etree
 from trimesh import creation, load_mesh
 
-from packit_sim import ItemType
+from packit_sim import Box, Item, ItemType, ShapeLibrary
 from packit_sim.core.errors import ArgumentError, PackFormatError
+from packit_sim.game.datasets.pack_files import write_packs
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.evaluation.executed import execute_pack
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PosedItem
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.results.execution import ExecutedBox, execute_packing
+from packit_sim.parts.results.execution import execute_packing
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.robot.cell import RobotCell, SuctionGripper
 from packit_sim.robot.executed_item import Outcome
+from packit_sim.robot.plans import ExecutedPlan
 from packit_sim.robot.replays import write_replay
 from tests.runs import packit
 
@@ -71,12 +76,12 @@ POSES = {
 
 
 @pytest.fixture(scope="module")
-def box(tmp_path_factory: pytest.TempPathFactory) -> ExecutedBox:
+def box(tmp_path_factory: pytest.TempPathFactory) -> ExecutedPlan:
     (found,) = execute_packing(written(tmp_path_factory.mktemp("packing"), POSES), CELL)
     return found
 
 
-def test_parts_are_put_in_at_real_sizes_and_in_any_rotation(box: ExecutedBox) -> None:
+def test_parts_are_put_in_at_real_sizes_and_in_any_rotation(box: ExecutedPlan) -> None:
     trajectory = box.trajectory
     assert np.allclose(trajectory.cell.size(trajectory.cells), np.array(SIDES) / 1000)
     assert box.inside == 3 and box.executed == pytest.approx(1)
@@ -107,7 +112,7 @@ def test_a_part_without_a_place_is_set_aside(tmp_path: Path) -> None:
     assert found.inside == 2 and found.executed == pytest.approx(2 / 3)
 
 
-def test_a_replay_has_all_that_other_simulators_need(box: ExecutedBox, tmp_path: Path) -> None:
+def test_a_replay_has_all_that_other_simulators_need(box: ExecutedPlan, tmp_path: Path) -> None:
     replay = json.loads(write_replay(box.trajectory, tmp_path).read_text())
     assert replay["joints"] == ["x", "y", "z", "wrist"]
     assert replay["box"] == pytest.approx([0.151, 0.09, 0.06])
@@ -142,3 +147,20 @@ def test_packings_that_no_arm_packs_are_refused(tmp_path: Path) -> None:
         execute_packing(written(tmp_path, POSES), weak)
     with pytest.raises(ArgumentError, match=r"is higher than the reach of arm 'gantry'"):
         execute_packing(in_inches, CELL)
+
+
+def test_stored_placements_are_executed(tmp_path: Path) -> None:
+    library = ShapeLibrary.open("blockout")
+    box = Box((40, 40, 20))
+    for name in list(library)[:3]:
+        item = Item(library[name], 0.02)
+        box.place(item, box.blbf(item) or (0, 0, 0))
+    write_packs(tmp_path / "packs.jsonl", [Pack.of(box, library)])
+    found = execute_pack(Pack.of(box, library), library, CELL)
+    assert found.inside == 3 and found.executed == pytest.approx(1)
+    for one, chosen in zip(found.trajectory.attempts, box.placed, strict=True):
+        assert np.allclose(one.planned.center[:2], PosedItem.of(chosen).center[:2])
+    shown = packit(
+        *("execute", tmp_path / "packs.jsonl", "--stored", "--decomposition", "bisection")
+    )
+    assert "1.000" in shown

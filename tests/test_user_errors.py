@@ -158,6 +158,7 @@ WRONG = [
     ("execute packing.json --agent champion", "--agent has no effect on packing.json"),
     ("execute absent.json", "absent.json: No such file"),
     ("execute starter --replay x", "--replay has no effect on starter: it is for packings"),
+    ("execute starter --stored --agent champion", "starter, which is not planned again"),
     ("execute starter --edge 9", "a box 9 m high is higher than the reach of arm 'gantry'"),
     ("evaluate starter --agent best/aligned/blbf", "no shape policy 'best'"),
     ("evaluate starter --agent random/random", "random/random"),

@@ -22,9 +22,9 @@ from packit_sim.game.evaluation.judging import SCORES, is_judged, judge
 from packit_sim.game.evaluation.results import Rollout
 from packit_sim.game.evaluation.training_runs import RunsScore
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.parts.results.execution import ExecutedBox
 from packit_sim.physics.convex.settings import Method
 from packit_sim.robot.measures import MEASURES
+from packit_sim.robot.plans import ExecutedPlan
 from packit_sim.rules import PACKIT, Rules
 
 HEURISTICS = tuple(
@@ -153,15 +153,14 @@ def execution_table(own: Sequence[Sequence[Rollout]]) -> Table:
     return table
 
 
-def packing_execution_table(boxes: Sequence[ExecutedBox]) -> Table:
-    """Create a table of the executed boxes of a packing, one row per box."""
-    table = _number_table("box", "parts", "inside", "executed", *MEASURES)
+def plan_table(boxes: Sequence[ExecutedPlan]) -> Table:
+    """Create a table of executed plans, one row per box."""
+    table = _number_table("box", "items", "inside", "executed", *MEASURES)
     for number, box in enumerate(boxes):
         scores = (f"{box.scores[name]:.3g}" for name in MEASURES)
-        table.add_row(
-            str(number), str(len(box.names)), str(box.inside), f"{box.executed:.3f}", *scores
-        )
-    table.caption = "executed, planned: shares of the volume of the box's parts; m, degrees, s"
+        items = len(box.trajectory.attempts)
+        table.add_row(str(number), str(items), str(box.inside), f"{box.executed:.3f}", *scores)
+    table.caption = "executed, planned: shares of the volume of all items; m, degrees, seconds"
     return table
 
 

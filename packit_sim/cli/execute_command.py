@@ -26,6 +26,8 @@ from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
 with lazy_imports():
     from packit_sim.cli import evaluations, inputs, output, terminal
     from packit_sim.core import parallel
+    from packit_sim.game.datasets import pack_files
+    from packit_sim.game.evaluation import executed
     from packit_sim.parts.results import execution
     from packit_sim.robot import cell as robot
     from packit_sim.robot import replays
@@ -64,6 +66,10 @@ def execute_command(
     open_loop: Annotated[
         bool, typer.Option("--open-loop", help="Plan without seeing where items really are.")
     ] = False,
+    stored: Annotated[
+        bool,
+        typer.Option("--stored", help="Execute the stored placements, without an agent."),
+    ] = False,
     reachable: Annotated[
         bool | None,
         typer.Option(
@@ -89,8 +95,8 @@ def execute_command(
     replay: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for files with which other simulators replay the trajectories of a "
-            "packing: JSON, URDF and meshes."
+            help="Folder for files with which other simulators replay the trajectories of plans: "
+            "JSON, URDF and meshes."
         ),
     ] = None,
     decomposition: DecompositionOption = METHODS[0],
@@ -101,7 +107,7 @@ def execute_command(
     The agent sees where the items really are before each choice. With --out the command can be
     stopped at any time: repeat it to resume. `packit verify` recomputes the measures from the
     recorded trajectories. The parts of a packing, such as the record of `packit pack`, are put in
-    straight from above, in the order of the file.
+    straight from above, in the order of the file; with --stored the items of packs or results are.
 
     Example: packit execute everyday-v1 --split test --tasks 10 --out executed.jsonl
 
@@ -116,28 +122,40 @@ def execute_command(
         seed=seed,
         decomposition=DecompositionSettings(method=decomposition),
     )
-    if dataset.endswith(".json"):
-        unused = {
-            "--split": split,
-            "--agent": agent,
-            "--edge": edge,
-            "--reachable": reachable,
-            "--library": library,
-            "--tasks": tasks,
-            "--out": out,
-        }
+    is_packing = dataset.endswith(".json")
+    if is_packing or stored:
+        what = "a packing" if is_packing else "not planned again"
+        unused: dict[str, object] = {"--agent": agent, "--reachable": reachable, "--out": out}
+        if is_packing:
+            unused |= {"--split": split, "--library": library, "--tasks": tasks, "--edge": edge}
         for option, value in unused.items():
             if value is not None:
                 raise ArgumentError(
-                    f"{option} has no effect on {dataset}, which is a packing: leave it out"
+                    f"{option} has no effect on {dataset}, which is {what}: leave it out"
                 )
-        _execute_packing(Path(dataset), cell, replay)
+        with stoppable("the plan is not executed"):
+            if is_packing:
+                plans = execution.execute_packing(dataset, cell)
+            else:
+                checked_dataset(dataset)
+                opened = inputs.open_library(library, dataset, split)
+                packs = pack_files.read_packs(pack_files.dataset_file(dataset, split))
+                plans = [executed.execute_pack(pack, opened, cell) for pack in packs[:tasks]]
+        terminal.console.print(evaluations.plan_table(plans))
+        if replay is not None:
+            for number, plan in enumerate(plans):
+                folder = replay / f"box-{number}"
+                output.print_written(replays.write_replay(plan.trajectory, folder))
         return
     if replay is not None:
-        raise ArgumentError(f"--replay has no effect on {dataset}: it is for packings (.json)")
+        raise ArgumentError(
+            f"--replay has no effect on {dataset}: it is for packings (.json), and for --stored"
+        )
     checked_dataset(dataset)
     rules = packit_sim.Rules(robot=cell)
-    agents = [packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or ["stable-champion"])]
+    agents = [
+        packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or ["stable-champion"])
+    ]
     for one in agents:
         one.check_rules(rules)
     opened = inputs.open_library(library, dataset, split)
@@ -159,12 +177,3 @@ def execute_command(
     terminal.console.print(evaluations.execution_table(own))
     if out is not None:
         output.print_written(out)
-
-
-def _execute_packing(file: Path, cell: robot.RobotCell, replay: Path | None) -> None:
-    with stoppable("the packing is not executed"):
-        boxes = execution.execute_packing(file, cell)
-    terminal.console.print(evaluations.packing_execution_table(boxes))
-    if replay is not None:
-        for number, box in enumerate(boxes):
-            output.print_written(replays.write_replay(box.trajectory, replay / f"box-{number}"))

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from packit_sim import placement
+from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.world import require_engine
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.attempts import attempt, is_over
 from packit_sim.robot.cell import INSIDE, Cells, RobotCell
 from packit_sim.robot.executed_item import ExecutedItem
+from packit_sim.robot.measures import inside_volume, measures
+from packit_sim.robot.trajectory import Trajectory
 
 SHIFT = 0.010
 """Metres by which an item is released next to its planned place, where others have moved there."""
@@ -28,9 +33,31 @@ _HIGHER = 0.001
 """Metres above its planned place at which an item need not be shifted."""
 
 
+@dataclass(frozen=True, eq=False)
+class ExecutedPlan:
+    """A box after an arm packed it as planned.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        What the arm and the items did.
+    inside : int
+        The number of items that are wholly inside the box at the end, below its rim.
+    executed : float
+        Their volume, relative to that of all items, also of those outside.
+    scores : dict of str to number
+        The measures (see `robot.measures.measures`).
+    """
+
+    trajectory: Trajectory
+    inside: int
+    executed: float
+    scores: dict[str, int | float]
+
+
 def execute_plan(
-    plan: Sequence[PosedItem], cells: Cells, cell: RobotCell
-) -> tuple[ExecutedItem, ...]:
+    plan: Sequence[PosedItem], cells: Cells, cell: RobotCell, outside: Sequence[Item] = ()
+) -> ExecutedPlan:
     """Let an arm put items into a box at planned poses, in their order.
 
     Parameters
@@ -43,11 +70,13 @@ def execute_plan(
         The robot cell. In a closed loop each item comes straight down at its planned place, or up
         to `SHIFT` next to it if other items, where they really are, keep it from going as deep
         there. In an open loop it does so among the planned poses.
+    outside : sequence of Item
+        Items that are not planned.
 
     Returns
     -------
-    tuple of ExecutedItem
-        The items where they are at the end.
+    ExecutedPlan
+        The box at the end.
 
     Raises
     ------
@@ -70,7 +99,14 @@ def execute_plan(
             known = [one.posed for one in tried if is_over(cells, one.posed)]
         planned = _lowered(wanted, known, cells, cell)
         tried = attempt(tried, wanted, planned, cell=cell, cells=cells, arm=arm)
-    return tried
+    trajectory = Trajectory.of(cell, cells, tried)
+    items = [*(one.item for one in tried), *outside]
+    return ExecutedPlan(
+        trajectory=trajectory,
+        inside=sum(one.inside for one in tried),
+        executed=inside_volume(trajectory) / plain_sum(item.volume for item in items),
+        scores=measures(trajectory, items),
+    )
 
 
 def _longest(posed: PosedItem) -> float:

@@ -50,7 +50,7 @@ def write_replay(trajectory: Trajectory, folder: Path) -> Path:
         mesh = folder / "meshes" / f"{n:03d}.obj"
         vertices = np.asarray(item.turned(0).mesh.vertices) * cell.edge
         body = trimesh.Trimesh(vertices, item.shape.mesh.faces, process=False)
-        replace_text(mesh, body.export(file_type="obj"))
+        replace_text(mesh, str(body.export(file_type="obj")))
         urdf = f"arm-{own.radius:g}.urdf"
         if own.radius:
             replace_text(folder / urdf, with_cup(arm.urdf, own.radius))

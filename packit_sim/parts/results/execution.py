@@ -2,55 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from msgspec import Struct
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackFormatError, located
-from packit_sim.core.sums import plain_sum
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import posed
 from packit_sim.parts.reading.units import check_unit, factor
 from packit_sim.robot.cell import Cells, RobotCell
-from packit_sim.robot.measures import inside_volume, measures, resting_poses
-from packit_sim.robot.plans import execute_plan
-from packit_sim.robot.trajectory import Trajectory
-
-
-@dataclass(frozen=True, eq=False)
-class ExecutedBox:
-    """A box of a packing after an arm packed it.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The names of its parts, in their order.
-    trajectory : Trajectory
-        What the arm and the parts did.
-    inside : int
-        The number of parts that are wholly inside the box at the end, below its rim.
-    executed : float
-        Their volume, relative to that of all parts of the box.
-    scores : dict of str to number
-        The measures (see `robot.measures.measures`).
-    """
-
-    names: tuple[str, ...]
-    trajectory: Trajectory
-    inside: int
-    executed: float
-    scores: dict[str, int | float]
+from packit_sim.robot.plans import ExecutedPlan, execute_plan
 
 
 class _Unit(Struct):
     unit: str = ""
 
 
-def execute_packing(file: Path | str, cell: RobotCell | None = None) -> list[ExecutedBox]:
+def execute_packing(file: Path | str, cell: RobotCell | None = None) -> list[ExecutedPlan]:
     """Let an arm pack the boxes of a packing, in simulated physics.
 
     Parameters
@@ -63,7 +35,7 @@ def execute_packing(file: Path | str, cell: RobotCell | None = None) -> list[Exe
 
     Returns
     -------
-    list of ExecutedBox
+    list of ExecutedPlan
         The boxes with parts.
 
     Raises
@@ -87,7 +59,7 @@ def execute_packing(file: Path | str, cell: RobotCell | None = None) -> list[Exe
     ]
 
 
-def _executed(packing: Packing, box: int, metres: float, cell: RobotCell) -> ExecutedBox:
+def _executed(packing: Packing, box: int, metres: float, cell: RobotCell) -> ExecutedPlan:
     container = packing.container_of(box)
     if form_of(container) != "box" or container.is_strip or container.obstacles:
         raise ArgumentError(
@@ -98,14 +70,4 @@ def _executed(packing: Packing, box: int, metres: float, cell: RobotCell) -> Exe
     cell = replace(cell, edge=container.longest * metres)
     x, y, z = (100 * side / container.longest for side in container.size)
     cells: Cells = (x, y, z)
-    tried = execute_plan(posed(own), cells, cell)
-    trajectory = Trajectory.of(cell, cells, tried)
-    items = [one.item for one in tried]
-    ends = resting_poses(trajectory)[-1]
-    return ExecutedBox(
-        names=tuple(packing.types[one.type].name for one in placements),
-        trajectory=trajectory,
-        inside=sum(cell.holds(cells, end) for end in ends.values()),
-        executed=inside_volume(trajectory) / plain_sum(item.volume for item in items),
-        scores=measures(trajectory, items),
-    )
+    return execute_plan(posed(own), cells, cell)
