@@ -200,9 +200,8 @@ class BaseBox(ABC, Generic[ItemT]):
         Returns
         -------
         float
-            The largest movement of an item, relative to one that counts as unstable: of the new
-            item from where it is placed, of the others from where they first came to rest. It is 0
-            in a box whose items stay on the grid.
+            The largest movement of an item from where it is now, or is placed, relative to one that
+            counts as unstable; 0 in a box whose items stay on the grid.
         """
         return 0.0
 

@@ -124,6 +124,11 @@ def is_insertable(placed: Sequence[ItemInBox], candidate: ItemInBox) -> bool:
     candidate : ItemInBox
         On the grid an item that is feasible there. Off the grid any one: the meshes alone decide,
         also whether it crosses another item.
+
+    Returns
+    -------
+    bool
+        Whether it can be lifted straight up from there without meeting an item.
     """
     (left, back, bottom), (right, front, _) = _span(candidate)
     over = []

@@ -97,8 +97,7 @@ class SettlingBox(BaseBox[SettledItem]):
 
     def disturbance(self, item: Item, location: Sequence[int]) -> float:
         settled = self._released(PlacedItem(item, checked_location(self.cells, location)))
-        *others, new = settled.items
-        return max(new.farthest, *(other.drift for other in others), 0.0) / DISTANCE
+        return max(one.farthest for one in settled.items) / DISTANCE
 
     def put(self, item: Item, location: Sequence[int]) -> float:
         before = self.counted

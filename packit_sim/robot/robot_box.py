@@ -131,15 +131,15 @@ class RobotBox(BaseBox[Any]):
     def disturbance(self, item: Item, location: Sequence[int]) -> float:
         planned = self._lowered(PlacedItem(item, checked_location(self.cells, location)))
         if self.cell.open_loop:
-            starts = landed = [one.planned for one in self._tried]
+            others = [one.planned for one in self._tried]
         else:
-            there = [one for one in self._tried if is_over(self.cells, one.posed)]
-            starts, landed = [one.posed for one in there], [one.landed for one in there]
+            others = [one.posed for one in self._tried if is_over(self.cells, one.posed)]
+        starts = (*others, planned)
         world = replace(self.cell.world, time_limit=_FORESIGHT)
-        settled = settle(BoxState(self.cells, (*starts, planned)), world)
+        settled = settle(BoxState(self.cells, starts), world)
         return max(
             movement(before, after.posed)
-            for before, after in zip((*landed, planned), settled.items, strict=True)
+            for before, after in zip(starts, settled.items, strict=True)
         )
 
     def snapshot(self) -> BoxState[ExecutedItem]:
