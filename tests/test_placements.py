@@ -499,9 +499,9 @@ class Candidates:
     ("lost", "disturbances", "released", "chosen"),
     [
         ([0, 0], [0.1, 0.0], [0], 0),
-        ([0, 0, 0], [2.0, 0.7, 0.2], [0, 1, 2], 2),
+        ([0, 0, 0], [2.0, 0.95, 0.2], [0, 1, 2], 2),
         ([3, 0, 1], [0.0, 2.0, 0.1], [1, 2], 2),  # the least loss of those that are stable
-        ([0, 0, 0], [2.0, 0.9, 3.0], [0, 1, 2], 1),  # none is stable
+        ([0, 0, 0], [2.0, 1.1, 3.0], [0, 1, 2], 1),  # none is stable
         ([0] * 20, [*[2.0] * 19, 0.0], [*range(MAX_RELEASED)], 0),
         ([], [], [], None),
     ],

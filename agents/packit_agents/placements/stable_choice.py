@@ -12,7 +12,7 @@ from packit_sim.box import BaseBox
 MAX_RELEASED = 12
 """Placements that are simulated before one is chosen."""
 
-MAX_DISTURBANCE = 0.5
+MAX_DISTURBANCE = 0.9
 """Largest disturbance of a placement that is stable (see `BaseBox.disturbance`)."""
 
 
