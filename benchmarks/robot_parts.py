@@ -1,6 +1,7 @@
 """Let an arm execute packings of library parts that `packit pack` found, in their order.
 
     .venv/bin/python -m benchmarks.robot_parts --packings 20
+    .venv/bin/python -m benchmarks.robot_parts --packings 20 --stable 5
     .venv/bin/python -m benchmarks.robot_parts --packings 20 --open
 
 The selections are those of `benchmarks.packing_parts`, in boxes of 300 mm and less: parts that come
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,7 @@ def main() -> None:
     parser = argument_parser(__doc__)
     parser.add_argument("--packings", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=60.0, help="time of the search")
+    parser.add_argument("--stable", type=float, help="mm that parts may move under gravity")
     parser.add_argument("--arm", default="gantry")
     parser.add_argument("--open", action="store_true", help="the open loop")
     parser.add_argument("--work", type=Path, default=Path("build/robot-parts"))
@@ -44,14 +47,16 @@ def main() -> None:
         open_loop=options.open,
         decomposition=DecompositionSettings(method="bisection"),
     )
-    loop = f"{options.arm}, {'open' if options.open else 'closed'} loop"
+    settings = replace(SETTINGS, stable=options.stable)
+    name = f"stable {options.stable:g} mm" if options.stable else "any"
+    loop = f"{name}, {options.arm}, {'open' if options.open else 'closed'} loop"
     file = options.out / "robot-parts.json"
     known: dict[str, Any] = json.loads(file.read_text())["runs"] if file.exists() else {}
     library = ShapeLibrary.open(LIBRARY)
     for number in range(options.packings):
         key = f"{number}, {loop}"
         if key not in known:
-            record = packed(library, number, options.seconds, options.work)
+            record = packed(library, number, options.seconds, options.work / name, settings)
             known[key] = measured(record, cell)
             write_json(file, {"machine": machine(), "runs": known})
             print(key, known[key], flush=True)
@@ -60,13 +65,15 @@ def main() -> None:
     print(markdown_table(("loop", "packings", *COLUMNS), [(loop, len(runs), *cells)]))
 
 
-def packed(library: ShapeLibrary, number: int, seconds: float, work: Path) -> Path:
+def packed(
+    library: ShapeLibrary, number: int, seconds: float, work: Path, settings: PackSettings
+) -> Path:
     """Pack a selection, unless that was done, and return its record."""
     folder = work / f"{number:02d}"
     if not (folder / "packing.json").exists():
         task = selection(library, number)
         sides = tuple(side * CELL * UNIT_MM for side in task.cells)
-        pack(parts_of(task), sides, time=seconds, seed=number, out=folder, settings=SETTINGS)
+        pack(parts_of(task), sides, time=seconds, seed=number, out=folder, settings=settings)
     return folder / "packing.json"
 
 
