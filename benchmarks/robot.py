@@ -1,12 +1,13 @@
-"""Let an arm pack the boxes that the champion plans, with the loop closed and open.
+"""Let an arm pack the boxes that an agent plans, with the loop closed and open.
 
     .venv/bin/python -m benchmarks.robot --tasks 50
     .venv/bin/python -m benchmarks.robot --tasks 50 --arm panda --closed
+    .venv/bin/python -m benchmarks.robot --tasks 6 --agent champion
 
 The first tasks of a dataset, level 1, a box of 0.30 m, seed 0, one process. Pieces come from
 bisection, which takes about a second a shape. Results and trajectories go into --work, from which a
 run resumes; `packit verify` recomputes them. Prints a table with 95% intervals and the failures,
-and writes `benchmarks/results/robot-ARM-DATASET.json`.
+and writes `benchmarks/results/robot-ARM-AGENT-DATASET.json`.
 """
 
 from __future__ import annotations
@@ -27,11 +28,9 @@ from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.evaluation.results import Rollout
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.robot.cell import RobotCell
-from packit_sim.robot.executed_item import Outcome
-from packit_sim.robot.measures import MEASURES, has_moved, resting_poses
+from packit_sim.robot.executed_item import Outcome, movement
+from packit_sim.robot.measures import MEASURES, resting_poses
 from packit_sim.robot.trajectory import Trajectory
-
-AGENT = "champion"
 
 FAILURES = ("no grasp", "no path", "lost", "displaced", "collapsed", "not inside")
 """Outcomes of items that are counted; displaced: at rest more than 2 cm or 15 degrees from plan."""
@@ -44,6 +43,7 @@ def main() -> None:
     parser.add_argument("--tasks", type=int, default=50)
     parser.add_argument("--work", type=Path, default=Path("build/robot"), help="for trajectories")
     parser.add_argument("--arm", default="gantry")
+    parser.add_argument("--agent", default="stable-champion")
     parser.add_argument("--closed", action="store_true", help="only the closed loop")
     options = parser.parse_args()
     closed = RobotCell(options.arm, decomposition=DecompositionSettings(method="bisection"))
@@ -57,7 +57,9 @@ def main() -> None:
     for count in range(1, len(tasks) + 1):  # so that a run that is stopped has both for each task
         for name, cell in cells.items():
             rules = Rules(robot=cell)
-            found[name] = evaluate([AGENT], tasks[:count], seed=0, rules=rules, file=files[name])
+            found[name] = evaluate(
+                [options.agent], tasks[:count], seed=0, rules=rules, file=files[name]
+            )
             rollout = found[name][-1]
             print(f"task {count - 1}, {name}: {rollout.total:.3f} of {rollout.played.scores}")
     items = {name: failures(files[name], one) for name, one in found.items()}
@@ -77,8 +79,8 @@ def failures(file: Path, rollouts: Sequence[Rollout]) -> dict[str, int]:
             if one.outcome is not Outcome.PLACED:
                 counts[one.outcome.value] += 1
                 continue
-            counts["displaced"] += has_moved(one.planned, ends[n][n])
-            counts["collapsed"] += any(has_moved(ends[n][n], end[n]) for end in ends[n + 1 :])
+            counts["displaced"] += movement(one.planned, ends[n][n]) > 1
+            counts["collapsed"] += any(movement(ends[n][n], end[n]) > 1 for end in ends[n + 1 :])
             counts["not inside"] += not trajectory.cell.holds(trajectory.cells, ends[-1][n])
     return counts
 
@@ -112,7 +114,7 @@ def report(
     result = {
         "dataset": options.dataset,
         "split": options.split,
-        "agent": AGENT,
+        "agent": options.agent,
         "tasks": len(totals[0]),
         "machine": machine(),
         "cells": {name: asdict(cell) for name, cell in cells.items()},
@@ -129,7 +131,7 @@ def report(
             for name, rollouts in found.items()
         },
     }
-    write_json(options.out / f"robot-{options.arm}-{options.dataset}.json", result)
+    write_json(options.out / f"robot-{options.arm}-{options.agent}-{options.dataset}.json", result)
 
 
 if __name__ == "__main__":

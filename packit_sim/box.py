@@ -187,6 +187,24 @@ class BaseBox(ABC, Generic[ItemT]):
         """
         return self._is_feasible(PlacedItem(item, checked_location(self.cells, location)))
 
+    def disturbance(self, item: Item, location: Sequence[int]) -> float:
+        """Predict how far items move if one is placed at a location where it is feasible.
+
+        Parameters
+        ----------
+        item : Item
+            The item to place, in its rotation.
+        location : sequence of int
+            The grid node (i, j, k).
+
+        Returns
+        -------
+        float
+            The largest movement of an item from where it is now, or is placed, relative to one that
+            counts as unstable; 0 in a box whose items stay on the grid.
+        """
+        return 0.0
+
     @abstractmethod
     def put(self, item: Item, location: Sequence[int]) -> float:
         """Place an item and return how much the volume that counts grows.

@@ -184,6 +184,15 @@ def test_what_does_not_come_to_rest_does_not_count_until_it_does() -> None:
     assert patient.put(cube_of(4), (0, 0, 0)) == pytest.approx(0.08**3 + 2 * 0.04**3)
 
 
+def test_a_placement_that_topples_is_foreseen() -> None:
+    box = SettlingBox(CELLS, SETTINGS)
+    box.place(cube_of(8), (0, 0, 0))
+    before, slab = box.snapshot(), block(24, 8, 4)
+    assert box.disturbance(slab, (0, 0, 2)) > 1
+    assert box.disturbance(slab, (0, 2, 0)) < 0.1
+    assert box.snapshot() == before
+
+
 def test_the_future_follows_from_the_state() -> None:
     """A box that continues, and one restored to the same state, end the same, bit for bit."""
     first_box, other = SettlingBox(CELLS, SETTINGS), SettlingBox(CELLS, SETTINGS)

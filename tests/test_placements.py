@@ -18,9 +18,20 @@ from packit_agents.placements.placement_features import (
     choose,
     placements,
 )
-from packit_agents.placements.policies import PlacedLocation, PlacedRotation, PlacedShape
+from packit_agents.placements.policies import (
+    CHAMPION_LOCATION,
+    CHAMPION_ROTATION,
+    CHAMPION_SHAPE,
+    STABLE_CHAMPION_LOCATION,
+    STABLE_CHAMPION_ROTATION,
+    STABLE_CHAMPION_SHAPE,
+    PlacedLocation,
+    PlacedRotation,
+    PlacedShape,
+)
 from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
 from packit_agents.placements.scored_layout import ScoredLayout
+from packit_agents.placements.stable_choice import MAX_RELEASED, choose_stable
 from packit_agents.planning.budgets import Budget
 from packit_sim.box import Box
 from packit_sim.core import debugging
@@ -32,7 +43,7 @@ from packit_sim.game.episodes.policy_registry import UnknownPolicyError
 from packit_sim.game.evaluation.evaluation import play
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
-from packit_sim.placement import BoxState
+from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.rules import PACKIT, End, Rules
 from tests.examples import examples
 from tests.test_episode import task_of
@@ -464,3 +475,51 @@ def test_weights_that_do_not_fit_are_refused(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("packit_agents.placements.network.FEATURES", ("other",))
     with pytest.raises(PlacementWeightsError, match="other features"):
         PlacementNetwork.read(file)
+
+
+class Candidates:
+    """Placements with a loss each, in a box in which each has a disturbance."""
+
+    def __init__(self, lost: list[float], disturbances: list[float]) -> None:
+        self.losses, self.disturbances = lost, disturbances
+        self.released: list[int] = []
+
+    def lost(self, number):
+        return self.losses[number]
+
+    def placed(self, number):
+        return PlacedItem(cube_of(4), (number, 0, 0))
+
+    def disturbance(self, item, location):
+        self.released.append(location[0])
+        return self.disturbances[location[0]]
+
+
+@pytest.mark.parametrize(
+    ("lost", "disturbances", "released", "chosen"),
+    [
+        ([0, 0], [0.1, 0.0], [0], 0),
+        ([0, 0, 0], [2.0, 0.95, 0.2], [0, 1, 2], 2),
+        ([3, 0, 1], [0.0, 2.0, 0.1], [1, 2], 2),  # the least loss of those that are stable
+        ([0, 0, 0], [2.0, 1.1, 3.0], [0, 1, 2], 1),  # none is stable
+        ([0] * 20, [*[2.0] * 19, 0.0], [*range(MAX_RELEASED)], 0),
+        ([], [], [], None),
+    ],
+)
+def test_a_placement_that_disturbs_nothing_is_chosen(lost, disturbances, released, chosen) -> None:
+    found = Candidates(lost, disturbances)
+    assert choose_stable(found, range(len(lost)), found) == chosen  # type: ignore[arg-type]
+    assert found.released == released
+
+
+def test_with_nothing_that_moves_the_stable_champion_is_the_champion() -> None:
+    task = task_of(*(cube_of(n) for n in (20, 16, 12, 8)), cells=CELLS)
+    ends = []
+    for kinds in (
+        (CHAMPION_SHAPE, CHAMPION_ROTATION, CHAMPION_LOCATION),
+        (STABLE_CHAMPION_SHAPE, STABLE_CHAMPION_ROTATION, STABLE_CHAMPION_LOCATION),
+    ):
+        episode = Episode(task)
+        Agent("own", *(kind() for kind in kinds)).play(episode, np.random.default_rng(0))
+        ends.append(episode.box.snapshot())
+    assert ends[0] == ends[1] and ends[0].placed

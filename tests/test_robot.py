@@ -323,14 +323,28 @@ def test_a_weak_grasp_is_lost() -> None:
     assert box.placed[0].outcome is Outcome.LOST and not box.placed[0].counts
 
 
-def test_an_open_loop_sees_the_plan() -> None:
+SLAB = block(24, 8, 4)
+"""It topples over a block of 8 cells on which it lies with one end."""
+
+
+def test_an_open_loop_sees_the_plan_but_drives_through_nothing() -> None:
     box = RobotBox(CELLS, replace(CELL, open_loop=True))
-    box.put(ITEMS[2], (0, 0, 2))
-    assert box.placed[0].displacement[0] > 0
-    assert not box.is_feasible(block(4, 4, 4), (1, 1, 3))  # the ball was planned there
-    closed = RobotBox(CELLS, CELL)
-    closed.put(ITEMS[2], (0, 0, 2))
-    assert closed.snapshot().placed[0].posed == closed.placed[0].posed
+    box.put(block(8, 8, 8), (0, 0, 0))
+    box.put(SLAB, (0, 0, 2))
+    assert box.placed[1].displacement[1] > 15
+    small = block(4, 4, 4)
+    assert not box.is_feasible(small, (4, 0, 2)) and box.is_feasible(small, (0, 0, 3))
+    box.put(small, (0, 0, 3))  # now an end of the slab is there
+    assert box.placed[2].outcome is Outcome.NO_PATH
+
+
+def test_a_placement_that_topples_is_foreseen() -> None:
+    box = RobotBox(CELLS, CELL)
+    box.put(block(8, 8, 8), (0, 0, 0))
+    before = box.snapshot()
+    assert box.disturbance(SLAB, (0, 0, 2)) > 1
+    assert box.disturbance(SLAB, (0, 2, 0)) < 0.1
+    assert box.snapshot() == before
 
 
 def test_snapshots_are_restored(box: RobotBox) -> None:

@@ -24,6 +24,7 @@ from packit_sim.game.evaluation.training_runs import RunsScore
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.settings import Method
 from packit_sim.robot.measures import MEASURES
+from packit_sim.robot.plans import ExecutedPlan
 from packit_sim.rules import PACKIT, Rules
 
 HEURISTICS = tuple(
@@ -149,6 +150,17 @@ def execution_table(own: Sequence[Sequence[Rollout]]) -> Table:
         f"means of {len(own[0])} tasks: returns, m and degrees of placed items, items, and "
         "seconds; s: median processor seconds a task; below each mean its 95% bootstrap interval"
     )
+    return table
+
+
+def plan_table(boxes: Sequence[ExecutedPlan]) -> Table:
+    """Create a table of executed plans, one row per box."""
+    table = _number_table("box", "items", "inside", "executed", *MEASURES)
+    for number, box in enumerate(boxes):
+        scores = (f"{box.scores[name]:.3g}" for name in MEASURES)
+        items = len(box.trajectory.attempts)
+        table.add_row(str(number), str(items), str(box.inside), f"{box.executed:.3f}", *scores)
+    table.caption = "executed, planned: shares of the volume of all items; m, degrees, seconds"
     return table
 
 

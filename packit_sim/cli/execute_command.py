@@ -10,14 +10,15 @@ import typer
 import packit_sim
 from packit_sim.cli import completion
 from packit_sim.cli.options import (
-    DatasetArgument,
     DatasetLibraryOption,
     DecompositionOption,
     SeedOption,
     SplitOption,
     WorkersOption,
+    checked_dataset,
 )
 from packit_sim.cli.stopping import RESUMABLE, stoppable
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.game.datasets.builtin import STARTER_PACKS
 from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
@@ -25,18 +26,30 @@ from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
 with lazy_imports():
     from packit_sim.cli import evaluations, inputs, output, terminal
     from packit_sim.core import parallel
+    from packit_sim.game.datasets import pack_files
+    from packit_sim.game.evaluation import executed
+    from packit_sim.parts.results import execution
     from packit_sim.robot import cell as robot
+    from packit_sim.robot import replays
 
 
 def execute_command(
-    dataset: DatasetArgument = STARTER_PACKS,
+    dataset: Annotated[
+        str,
+        typer.Argument(
+            metavar="DATASET",
+            autocompletion=completion.datasets,
+            help="Dataset or results: a name (see `packit datasets list`), a folder or a file; or "
+            "a packing: a .json file.",
+        ),
+    ] = STARTER_PACKS,
     split: SplitOption = None,
     agent: Annotated[
         list[str] | None,
         typer.Option(
             autocompletion=completion.agents,
             help="Agent without a search (see `packit agents list`); may be repeated; default: "
-            "champion.",
+            "stable-champion.",
         ),
     ] = None,
     arm: Annotated[
@@ -46,17 +59,25 @@ def execute_command(
     level: Annotated[
         int, typer.Option(help="1: items are presented in the rotation of their placement.")
     ] = 1,
-    edge: Annotated[float, typer.Option(help="Metres in a box unit.")] = 0.30,
+    edge: Annotated[
+        float | None,
+        typer.Option(help="Metres in a box unit; 0.3 by default. A packing has its real size."),
+    ] = None,
     open_loop: Annotated[
         bool, typer.Option("--open-loop", help="Plan without seeing where items really are.")
     ] = False,
-    reachable: Annotated[
+    stored: Annotated[
         bool,
+        typer.Option("--stored", help="Execute the stored placements, without an agent."),
+    ] = False,
+    reachable: Annotated[
+        bool | None,
         typer.Option(
             "--reachable/--all-masks",
-            help="Whether agents see only placements that the arm can hold and reach.",
+            help="Whether agents see only placements that the arm can hold and reach; they do by "
+            "default.",
         ),
-    ] = True,
+    ] = None,
     seed: SeedOption = 0,
     library: DatasetLibraryOption = None,
     tasks: Annotated[
@@ -71,29 +92,70 @@ def execute_command(
             "contains are not executed again.",
         ),
     ] = None,
+    replay: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for files with which other simulators replay the trajectories of plans: "
+            "JSON, URDF and meshes."
+        ),
+    ] = None,
     decomposition: DecompositionOption = METHODS[0],
     workers: WorkersOption = 0,
 ) -> None:
-    """Let an arm pack the boxes that agents plan, in simulated physics.
+    """Let an arm pack the boxes that agents plan, or your own packings, in simulated physics.
 
     The agent sees where the items really are before each choice. With --out the command can be
     stopped at any time: repeat it to resume. `packit verify` recomputes the measures from the
-    recorded trajectories.
+    recorded trajectories. The parts of a packing, such as the record of `packit pack`, are put in
+    straight from above, in the order of the file; with --stored the items of packs or results are.
 
     Example: packit execute everyday-v1 --split test --tasks 10 --out executed.jsonl
+
+    Example: packit execute packed/packing.json
     """
-    settings = DecompositionSettings(method=decomposition)
     cell = robot.RobotCell(
         arm=arm,
-        edge=edge,
+        edge=0.30 if edge is None else edge,
         level=level,
         open_loop=open_loop,
-        reachable=reachable,
+        reachable=reachable is not False,
         seed=seed,
-        decomposition=settings,
+        decomposition=DecompositionSettings(method=decomposition),
     )
+    is_packing = dataset.endswith(".json")
+    if is_packing or stored:
+        what = "a packing" if is_packing else "not planned again"
+        unused: dict[str, object] = {"--agent": agent, "--reachable": reachable, "--out": out}
+        if is_packing:
+            unused |= {"--split": split, "--library": library, "--tasks": tasks, "--edge": edge}
+        for option, value in unused.items():
+            if value is not None:
+                raise ArgumentError(
+                    f"{option} has no effect on {dataset}, which is {what}: leave it out"
+                )
+        with stoppable("the plan is not executed"):
+            if is_packing:
+                plans = execution.execute_packing(dataset, cell)
+            else:
+                checked_dataset(dataset)
+                opened = inputs.open_library(library, dataset, split)
+                packs = pack_files.read_packs(pack_files.dataset_file(dataset, split))
+                plans = [executed.execute_pack(pack, opened, cell) for pack in packs[:tasks]]
+        terminal.console.print(evaluations.plan_table(plans))
+        if replay is not None:
+            for number, plan in enumerate(plans):
+                folder = replay / f"box-{number}"
+                output.print_written(replays.write_replay(plan.trajectory, folder))
+        return
+    if replay is not None:
+        raise ArgumentError(
+            f"--replay has no effect on {dataset}: it is for packings (.json), and for --stored"
+        )
+    checked_dataset(dataset)
     rules = packit_sim.Rules(robot=cell)
-    agents = [packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or ["champion"])]
+    agents = [
+        packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or ["stable-champion"])
+    ]
     for one in agents:
         one.check_rules(rules)
     opened = inputs.open_library(library, dataset, split)
@@ -106,7 +168,7 @@ def execute_command(
     hint = RESUMABLE if out else "no results file was given"
     with stoppable(hint), parallel.Workers(workers, "loky", None) as processes:
         shapes = [item.shape for task in wanted for item in task.items]
-        inputs.decompose_shown(shapes, settings, workers)
+        inputs.decompose_shown(shapes, cell.decomposition, workers)
         rollouts = evaluations.evaluate_shown(
             agents, wanted, seed, rules, workers=processes, file=out, numbers=list(numbered)
         )

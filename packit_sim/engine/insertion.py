@@ -114,14 +114,35 @@ def insertable_mask(placed: Sequence[ItemInBox], item: Item, mask: Mask) -> Mask
     return found
 
 
-def is_insertable(placed: Sequence[ItemInBox], candidate: PlacedItem) -> bool:
-    """Decide whether a feasible item is clear at its location."""
-    (left, back, bottom), (right, front, _) = candidate.start, candidate.stop
+def is_insertable(placed: Sequence[ItemInBox], candidate: ItemInBox) -> bool:
+    """Decide whether an item is clear where it is.
+
+    Parameters
+    ----------
+    placed : sequence of ItemInBox
+        The items already in the box.
+    candidate : ItemInBox
+        On the grid an item that is feasible there. Off the grid any one: the meshes alone decide,
+        also whether it crosses another item.
+
+    Returns
+    -------
+    bool
+        Whether it can be lifted straight up from there without meeting an item.
+    """
+    (left, back, bottom), (right, front, _) = _span(candidate)
     over = []
     for other in placed:
         (low_x, low_y, _), (high_x, high_y, top) = _span(other)
         if top > bottom and low_x < right and low_y < front and high_x > left and high_y > back:
             over.append(other)
+    if not isinstance(candidate, PlacedItem):
+        own = posed_surface(candidate)
+        offsets = (other.center - candidate.center for other in over)
+        return all(
+            least_rise(own, _surface(other), offset, 0.0) == np.inf
+            for other, offset in zip(over, offsets, strict=True)
+        )
     if not over:
         return True
     mask = np.zeros(np.array(candidate.location) + 1, dtype=bool)
@@ -129,7 +150,7 @@ def is_insertable(placed: Sequence[ItemInBox], candidate: PlacedItem) -> bool:
     return bool(insertable_mask(over, candidate.item, mask)[candidate.location])
 
 
-def free_fall(candidate: PlacedItem, other: ItemInBox) -> float:
+def free_fall(candidate: ItemInBox, other: ItemInBox) -> float:
     """Compute how far an item can move straight down until it meets another one.
 
     Returns
@@ -137,8 +158,11 @@ def free_fall(candidate: PlacedItem, other: ItemInBox) -> float:
     float
         Distance in box units; inf if they never meet.
     """
-    offset = -_offsets(candidate.item, np.array([candidate.location]), other)[0]
-    return float(least_rise(_surface(other), surface(candidate.item), offset, 0.0))
+    if isinstance(candidate, PlacedItem):
+        offset = _offsets(candidate.item, np.array([candidate.location]), other)[0]
+    else:
+        offset = other.center - candidate.center
+    return float(least_rise(_surface(other), _surface(candidate), -offset, 0.0))
 
 
 def blockers_above(placed: Sequence[ItemInBox], candidate: PlacedItem) -> tuple[int, ...]:

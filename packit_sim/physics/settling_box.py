@@ -18,7 +18,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item
-from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import Settled, SettledItem, settle
 from packit_sim.placement import Occupancy, checked_location
 
@@ -83,12 +83,10 @@ class SettlingBox(BaseBox[SettledItem]):
                 f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation}) at "
                 f"{candidate.location} is not inside the box, or in conflict with items there"
             )
-        landed = [*(before.landed for before in self.placed), None]
-        start = (*(before.posed for before in self.placed), PosedItem.of(candidate))
-        settled = settle(BoxState(self.cells, start), self.settings)
+        settled = self._released(candidate)
         occupancy: Occupancy[SettledItem] = Occupancy(self.cells)
-        for after, first in zip(settled.items, landed, strict=True):
-            occupancy.add(replace(after, landed=first or after.landed))
+        for after in settled.items:
+            occupancy.add(after)
         if is_checking():
             assert len(occupancy.placed) == len(self.placed) + 1
             for before, after in zip(self.placed, occupancy.placed, strict=False):
@@ -97,7 +95,22 @@ class SettlingBox(BaseBox[SettledItem]):
         self._occupancy = occupancy
         return settled
 
+    def disturbance(self, item: Item, location: Sequence[int]) -> float:
+        settled = self._released(PlacedItem(item, checked_location(self.cells, location)))
+        return max(one.farthest for one in settled.items) / DISTANCE
+
     def put(self, item: Item, location: Sequence[int]) -> float:
         before = self.counted
         self.place(item, location)
         return self.counted - before
+
+    def _released(self, candidate: PlacedItem) -> Settled:
+        """Let all items settle after an item was added."""
+        start = (*(before.posed for before in self.placed), PosedItem.of(candidate))
+        settled = settle(BoxState(self.cells, start), self.settings)
+        landed = [*(before.landed for before in self.placed), None]
+        items = (
+            replace(after, landed=first or after.landed)
+            for after, first in zip(settled.items, landed, strict=True)
+        )
+        return replace(settled, items=tuple(items))

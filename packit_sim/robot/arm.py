@@ -11,8 +11,8 @@ import trimesh
 from lxml import etree
 
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
+from packit_sim.robot.cell import Cells
 
 TUBE = 0.005
 """Side of the square tube that carries a cup, m: its corners are inside the smallest cup."""
@@ -104,12 +104,12 @@ class Arm(ABC):
         """Return where the bodies are, in m, and last the tool."""
 
     @abstractmethod
-    def check(self, cells: Triple, longest: float) -> None:
+    def check(self, cells: Cells, longest: float) -> None:
         """Check that the arm reaches all of the box and the station.
 
         Parameters
         ----------
-        cells : Triple
+        cells : Cells
             The cells of the box.
         longest : float
             The longest extent of an item, m: it has to pass above the rim.

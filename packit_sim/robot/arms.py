@@ -5,19 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.geometry.lattice import Triple
 from packit_sim.robot.arm import Arm
-from packit_sim.robot.cell import PANDA, RobotCell
+from packit_sim.robot.cell import PANDA, Cells, RobotCell
 from packit_sim.robot.gantry import Gantry
 from packit_sim.robot.panda import Panda
 
 
-def arm_of(cell: RobotCell, cells: Triple) -> Arm:
+def arm_of(cell: RobotCell, cells: Cells) -> Arm:
     """Create the arm of a cell.
 
     Parameters
     ----------
-    cells : Triple
+    cells : Cells
         The cells of the box.
 
     Returns

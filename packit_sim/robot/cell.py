@@ -11,7 +11,7 @@ from packit_sim.core.checks import POSITIVE, Range, check_settings
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
-from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.lattice import CELL
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -42,6 +42,10 @@ STANCE = 0.53
 
 WALL = 0.25
 """Thickness of the simulated walls, in box units."""
+
+
+Cells = tuple[int | float, int | float, int | float]
+"""The cells of a box along x, y and z, hundredths of a box unit; whole ones in the game."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +190,7 @@ class RobotCell:
             speed=POSITIVE,
             acceleration=POSITIVE,
             clearance=Range(0.001, 1.0),
-            gap=Range(0.0, 0.02),
+            gap=Range(0.0001, 0.02),
         )
 
     @property
@@ -205,7 +209,7 @@ class RobotCell:
         """The number of the arm's joints."""
         return 7 if self.arm == PANDA else 4
 
-    def size(self, cells: Triple) -> Floats:
+    def size(self, cells: Cells) -> Floats:
         """Return the inner extents (3,) of a box in m."""
         return np.array(cells) * (CELL * self.edge)
 
@@ -213,7 +217,7 @@ class RobotCell:
         """Return the mass in kg of an item of a volume in cubic box units."""
         return volume * self.edge**3 * self.density
 
-    def station(self, cells: Triple) -> Floats:
+    def station(self, cells: Cells) -> Floats:
         """Return the middle (3,) of the station for a box, in m."""
         if self.arm == PANDA:
             x, y = self.foot(cells)
@@ -222,12 +226,12 @@ class RobotCell:
         longest = 0.5 * float(max(self.size(cells)))
         return np.array((x / 2, y + WALL * self.edge + STATION_SIDE + longest, 0.0))
 
-    def foot(self, cells: Triple) -> tuple[float, float]:
+    def foot(self, cells: Cells) -> tuple[float, float]:
         """Return where the panda's pedestal stands on the table, in m."""
         x, y, _ = (self.size(cells) / 2).tolist()
         return x - STANCE, y
 
-    def holds(self, cells: Triple, posed: PosedItem) -> bool:
+    def holds(self, cells: Cells, posed: PosedItem) -> bool:
         """Decide whether an item is wholly inside a box, below its rim (see `INSIDE`)."""
         slack = INSIDE / self.edge
         vertices = posed.vertices

@@ -6,8 +6,9 @@ import enum
 from dataclasses import dataclass
 
 from packit_sim.core.caches import cached_property
-from packit_sim.geometry.items import AtPose, PlacedItem, PosedItem
+from packit_sim.geometry.items import AtPose, ItemInBox, PosedItem
 from packit_sim.geometry.shapes import Item
+from packit_sim.robot.cell import COLLAPSE_ANGLE, COLLAPSE_DISTANCE
 from packit_sim.robot.recording import Recording
 
 
@@ -26,10 +27,10 @@ class ExecutedItem(AtPose):
 
     Attributes
     ----------
-    chosen : PlacedItem
-        The location of the grid that was chosen for it.
+    chosen : ItemInBox
+        The placement that was chosen for it: in the game a location of the grid.
     planned : PosedItem
-        Where the arm was to release it: the chosen location, lowered to the item's support.
+        Where the arm was to release it: the chosen placement, lowered to the item's support.
     outcome : Outcome
         What became of it.
     posed : PosedItem
@@ -42,7 +43,7 @@ class ExecutedItem(AtPose):
         What the arm and the items did meanwhile.
     """
 
-    chosen: PlacedItem
+    chosen: ItemInBox
     planned: PosedItem
     outcome: Outcome
     posed: PosedItem
@@ -84,3 +85,9 @@ def apart(one: PosedItem, other: PosedItem) -> tuple[float, float]:
     motion = other.pose @ one.pose.inverse()
     shift = other.center - one.center
     return float((shift @ shift) ** 0.5), motion.angle
+
+
+def movement(one: PosedItem, other: PosedItem) -> float:
+    """Return how far an item moves between two poses, relative to a collapse: above 1 it is one."""
+    shift, angle = apart(one, other)
+    return max(shift / COLLAPSE_DISTANCE, angle / COLLAPSE_ANGLE)

@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
-from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.settling import fitted_pieces
 from packit_sim.robot.arm import Arm, Route, ToolPath
-from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.cell import Cells, RobotCell
 from packit_sim.robot.executed_item import Outcome
 from packit_sim.robot.grasps import Grasp
 from packit_sim.robot.recording import MOVED, Recording
@@ -51,7 +50,7 @@ class Execution:
     recording: Recording
 
 
-def presented(planned: PosedItem, cell: RobotCell, cells: Triple, number: int) -> PosedItem:
+def presented(planned: PosedItem, cell: RobotCell, cells: Cells, number: int) -> PosedItem:
     """Return where the station presents an item: in its rotation, at a random yaw and position.
 
     Parameters
@@ -84,12 +83,14 @@ def execute(
     radius: float,
     route: Route,
     *,
-    is_free: bool,
     cell: RobotCell,
-    cells: Triple,
+    cells: Cells,
     arm: Arm,
 ) -> Execution:
     """Put one item into the box, in a new world in which everything starts at rest.
+
+    The exact swept test must have proved that the item meets nothing on its way down: its convex
+    pieces, which are thicker than its mesh, collide with nothing before the release.
 
     Parameters
     ----------
@@ -105,9 +106,6 @@ def execute(
         Radius of the cup, m.
     route : Route
         The motion of the arm.
-    is_free : bool
-        Whether the exact swept test proves that the item meets nothing on its way down. Then its
-        convex pieces, which are thicker than its mesh, collide with nothing before the release.
 
     Returns
     -------
@@ -131,8 +129,6 @@ def execute(
         run.drive(route.approach)
         world.grip(item)
         run.held_from()
-        if not is_free:
-            world.collide(item, True)
         hold = cell.gripper.force(radius)
         lost = run.drive(route.carry, (hold, hold * radius))
         world.collide(item, True)
@@ -155,7 +151,7 @@ def tool_path(
     grasp: Grasp,
     *,
     cell: RobotCell,
-    cells: Triple,
+    cells: Cells,
 ) -> ToolPath:
     """Compute where the tool passes: straight up, over the rim and what protrudes, straight down.
 

@@ -15,10 +15,9 @@ from lxml import etree
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.files import naming
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.robot.arm import CUP, STATION_REACH, TUBE, Arm, Route, ToolPath
-from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.cell import Cells, RobotCell
 from packit_sim.robot.motion import straight
 
 KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
@@ -144,7 +143,7 @@ class Gantry(Arm):
         moved = [Motion.shift(np.where(np.arange(3) <= n, joints[:3], 0.0)) for n in self.movers]
         return [*moved, Motion.shift(joints[:3])]
 
-    def check(self, cells: Triple, longest: float) -> None:
+    def check(self, cells: Cells, longest: float) -> None:
         cell, size, station = self.cell, self.cell.size(cells), self.cell.station(cells)
         highest = float(size[2]) + 2 * cell.clearance + longest
         if highest > self.high[2]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PosedItem, triangles
 from packit_sim.geometry.rotations import MATRICES
 from packit_sim.geometry.shapes import Item
 from packit_sim.robot.cell import GRAVITY, RobotCell, SuctionGripper
@@ -63,33 +64,48 @@ def best_grasp(item: Item, cell: RobotCell) -> Grasp | None:
     vacuum's about its rim, with the same safety as the payload.
     """
     side = item.turned(item.rotation - item.rotation % 4)
-    found = _found(side, (cell.edge, cell.density, cell.gripper))
+    found = _grasp_on_a_side(side, (cell.edge, cell.density, cell.gripper))
     if found is None:
         return None
-    turn = MATRICES[item.rotation] @ MATRICES[side.rotation].T
-    x, y, z = (turn @ found.point).tolist()
+    x, y, z = (MATRICES[item.rotation] @ MATRICES[side.rotation].T @ found.point).tolist()
     return Grasp((x, y, z), found.radius)
+
+
+def grasp_off_the_grid(posed: PosedItem, cell: RobotCell) -> Grasp | None:
+    """Find where to hold an item at a pose, in any rotation, as `best_grasp`."""
+    center = posed.pose.direction(center_of_mass(posed.item.turned(0)))
+    surface = triangles(posed) - posed.center
+    return _grasp(surface, center, posed.item.volume, cell.edge, cell.density, cell.gripper)
 
 
 @bounded_cache(
     "grasps", GRASPS_BUDGET, "answers", size=lambda grasp: 1, key=lambda item, how: (item.key, how)
 )
-def _found(item: Item, how: tuple[float, float, SuctionGripper]) -> Grasp | None:
-    edge, density, gripper = how
+def _grasp_on_a_side(item: Item, how: tuple[float, float, SuctionGripper]) -> Grasp | None:
+    surface = np.asarray(item.mesh.triangles, dtype=np.float64)
+    return _grasp(surface, center_of_mass(item), item.volume, *how)
+
+
+def _grasp(
+    surface: Floats,
+    center: Floats,
+    volume: float,
+    edge: float,
+    density: float,
+    gripper: SuctionGripper,
+) -> Grasp | None:
     cell = RobotCell(edge=edge, density=density, gripper=gripper)
-    triangles = np.asarray(item.mesh.triangles, dtype=np.float64)
-    low, high = triangles.min(axis=(0, 1))[:2], triangles.max(axis=(0, 1))[:2]
-    center = center_of_mass(item)
-    weight = cell.mass(item.volume) * GRAVITY
+    low, high = surface.min(axis=(0, 1))[:2], surface.max(axis=(0, 1))[:2]
+    weight = cell.mass(volume) * GRAVITY
     for radius in sorted(gripper.cups, reverse=True):
-        if cell.mass(item.volume) > gripper.payload(radius):
+        if cell.mass(volume) > gripper.payload(radius):
             return None  # smaller ones lift less
         own = radius / cell.edge
         spacing = own / _POINTS
         if (high - low < 2 * own).any():
             continue
         nx, ny = (np.floor((high - low) / spacing).astype(int) + 1).tolist()
-        heights = top_heights(triangles, low, spacing, (nx, ny))
+        heights = top_heights(surface, low, spacing, (nx, ny))
         points = np.argwhere(np.isfinite(heights))
         away = np.linalg.norm(low + points * spacing - center[:2], axis=1)
         arm = gripper.force(radius) * own / (gripper.safety * weight)

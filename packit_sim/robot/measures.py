@@ -9,8 +9,7 @@ import numpy as np
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.shapes import Item
-from packit_sim.robot.cell import COLLAPSE_ANGLE, COLLAPSE_DISTANCE
-from packit_sim.robot.executed_item import Outcome, apart
+from packit_sim.robot.executed_item import Outcome, apart, movement
 from packit_sim.robot.penetration import largest_penetration
 from packit_sim.robot.trajectory import Trajectory, posed
 
@@ -59,7 +58,7 @@ def measures(trajectory: Trajectory, items: Sequence[Item]) -> dict[str, int | f
     collapsed = 0
     for n, one in enumerate(attempts):
         if one.outcome is Outcome.PLACED:
-            collapsed += any(has_moved(ends[n][n], end[n]) for end in ends[n + 1 :])
+            collapsed += any(movement(ends[n][n], end[n]) > 1 for end in ends[n + 1 :])
     steps = sum(len(one.recording.joints) for one in attempts)
     return {
         "planned": plain_sum(one.chosen.item.volume for one in attempts) / volume,
@@ -71,12 +70,6 @@ def measures(trajectory: Trajectory, items: Sequence[Item]) -> dict[str, int | f
         "penetration": largest_penetration(trajectory) * cell.edge,
         "robot seconds": steps * cell.world.step,
     }
-
-
-def has_moved(one: PosedItem, other: PosedItem) -> bool:
-    """Decide whether an item moves between two poses as far as in a collapse."""
-    shift, angle = apart(one, other)
-    return shift > COLLAPSE_DISTANCE or angle > COLLAPSE_ANGLE
 
 
 def resting_poses(trajectory: Trajectory) -> list[dict[int, PosedItem]]:

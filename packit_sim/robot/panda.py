@@ -25,10 +25,9 @@ from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.extras import MissingPackageError, needed_for
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.robot.arm import CUP, STATION_REACH, TUBE, Arm, Route, ToolPath
-from packit_sim.robot.cell import PANDA, WALL, RobotCell
+from packit_sim.robot.cell import PANDA, WALL, Cells, RobotCell
 from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
 from packit_sim.robot.motion import along
 from packit_sim.robot.paths import find_path
@@ -140,21 +139,21 @@ class Panda(Arm):
     ----------
     cell : RobotCell
         The cell.
-    cells : Triple
+    cells : Cells
         The cells of the box.
     length : float
         From the flange to the cup's face, m.
     """
 
     cell: RobotCell
-    cells: Triple
+    cells: Cells
     length: float
     base: Motion
     urdf: str
     bodies: tuple[trimesh.Trimesh, ...]
 
     @classmethod
-    def of(cls, cell: RobotCell, cells: Triple) -> Panda:
+    def of(cls, cell: RobotCell, cells: Cells) -> Panda:
         """Create the arm for a box.
 
         Returns
@@ -203,7 +202,7 @@ class Panda(Arm):
         )
         return [*found, tool, tool, tool]
 
-    def check(self, cells: Triple, longest: float) -> None:
+    def check(self, cells: Cells, longest: float) -> None:
         size, station = self.cell.size(cells), self.cell.station(cells)
         rim = float(size[2]) + self.cell.clearance
         x, y = size[:2].tolist()

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from packit_sim import placement
 from packit_sim.box import BaseBox
@@ -18,14 +17,17 @@ from packit_sim.geometry.lattice import BOX_CELLS, ORIGIN, Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import require
+from packit_sim.physics.settling import settle
 from packit_sim.physics.world import require_engine
 from packit_sim.placement import Mask, Occupancy, checked_location
 from packit_sim.robot.arms import arm_of
+from packit_sim.robot.attempts import attempt, is_over
 from packit_sim.robot.cell import RobotCell
-from packit_sim.robot.executed_item import ExecutedItem, Outcome
-from packit_sim.robot.execution import Execution, execute, presented, tool_path
+from packit_sim.robot.executed_item import ExecutedItem, movement
 from packit_sim.robot.grasps import best_grasp
-from packit_sim.robot.recording import Recording
+
+_FORESIGHT = 1.0
+"""Simulated seconds after a release in which a placement shows how much it disturbs."""
 
 
 class RobotBox(BaseBox[Any]):
@@ -126,6 +128,20 @@ class RobotBox(BaseBox[Any]):
         self._execute(candidate)
         return self._counted - before
 
+    def disturbance(self, item: Item, location: Sequence[int]) -> float:
+        planned = self._lowered(PlacedItem(item, checked_location(self.cells, location)))
+        if self.cell.open_loop:
+            others = [one.planned for one in self._tried]
+        else:
+            others = [one.posed for one in self._tried if is_over(self.cells, one.posed)]
+        starts = (*others, planned)
+        world = replace(self.cell.world, time_limit=_FORESIGHT)
+        settled = settle(BoxState(self.cells, starts), world)
+        return max(
+            movement(before, after.posed)
+            for before, after in zip(starts, settled.items, strict=True)
+        )
+
     def snapshot(self) -> BoxState[ExecutedItem]:
         return BoxState(self.cells, self._tried)
 
@@ -145,45 +161,12 @@ class RobotBox(BaseBox[Any]):
 
     def _execute(self, candidate: PlacedItem) -> None:
         """Let the arm try to place an item, and see where all items are then."""
-        number = len(self._tried)
-        there = [n for n, one in enumerate(self._tried) if self._is_there(one.posed)]
-        actual = [self._tried[n].posed for n in there]
         planned = self._lowered(candidate)
-        grasp = best_grasp(candidate.item, self.cell)
-        is_free = self._is_free(candidate, actual)
-        aside = presented(planned, self.cell, self.cells, number)
-        route = None
-        if grasp is not None and (is_free or self.cell.open_loop):
-            path = tool_path(actual, aside, planned, grasp, cell=self.cell, cells=self.cells)
-            route = self._arm.route(path, self._load(aside), (self.cell.seed, number))
-        if grasp is None or route is None:
-            outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH
-            done = Execution(outcome, (*actual, aside), Recording())
-        else:
-            done = execute(
-                actual,
-                [*there, number],
-                aside,
-                planned,
-                grasp.radius,
-                route,
-                is_free=is_free,
-                cell=self.cell,
-                cells=self.cells,
-                arm=self._arm,
+        self._show(
+            attempt(
+                self._tried, candidate, planned, cell=self.cell, cells=self.cells, arm=self._arm
             )
-        new = ExecutedItem(
-            candidate, planned, done.outcome, aside, done.posed[-1], False, done.recording
         )
-        now = [*self._tried, new]
-        for n, posed in zip([*there, number], done.posed, strict=True):
-            now[n] = replace(now[n], posed=posed, inside=self.cell.holds(self.cells, posed))
-        self._show(now)
-
-    def _load(self, posed: PosedItem) -> trimesh.Trimesh:
-        """Return the mesh of an item where it is, in m."""
-        vertices = posed.vertices * self.cell.edge
-        return trimesh.Trimesh(vertices, posed.item.shape.mesh.faces, process=False)
 
     def _show(self, items: Sequence[ExecutedItem]) -> None:
         """Set the items, and what masks are computed among."""
@@ -191,8 +174,8 @@ class RobotBox(BaseBox[Any]):
         occupancy: Occupancy[Any] = Occupancy(self.cells)
         for one in items:
             if self.cell.open_loop:
-                occupancy.add(one.chosen)
-            elif self._is_there(one.posed):
+                occupancy.add(one.planned)
+            elif is_over(self.cells, one.posed):
                 occupancy.add(one.posed)
         self._occupancy = occupancy
 
@@ -202,13 +185,3 @@ class RobotBox(BaseBox[Any]):
         below = [float(posed.vertices[:, 2].min())]
         below += [placement.free_fall(candidate, other) for other in self._occupancy.placed]
         return posed.moved(Motion.shift((0.0, 0.0, -max(min(below), 0.0))))
-
-    def _is_free(self, candidate: PlacedItem, actual: Sequence[PosedItem]) -> bool:
-        """Decide whether a feasible item meets no other on its way down, where they really are."""
-        is_valid = not self.cell.open_loop or placement.is_valid(self.cells, actual, candidate)
-        return is_valid and placement.is_insertable(actual, candidate)
-
-    def _is_there(self, posed: PosedItem) -> bool:
-        """Return whether an item is in or above the box: others are cleared away."""
-        x, y, _ = posed.center
-        return bool(0 <= x <= self.size[0] and 0 <= y <= self.size[1])

@@ -15,11 +15,11 @@ import numpy.typing as npt
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
-from packit_sim.geometry.items import PlacedItem, PosedItem
+from packit_sim.geometry.items import ItemInBox, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.cell import Cells, RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, Outcome
 from packit_sim.robot.recording import Recording
 
@@ -36,8 +36,8 @@ class AttemptRecord(msgspec.Struct, frozen=True):
     ----------
     shape : str
         The id of its shape.
-    location : tuple of int
-        The chosen node of the grid.
+    location : tuple of int, optional
+        The chosen node of the grid; None if the placement was chosen off the grid.
     planned : tuple of float
         Where the arm was to release it: position in box units and quaternion w, x, y, z.
     held : tuple of int
@@ -47,7 +47,7 @@ class AttemptRecord(msgspec.Struct, frozen=True):
     shape: str
     scale: float
     rotation: int
-    location: Triple
+    location: Triple | None
     planned: tuple[float, ...]
     outcome: Outcome
     held: tuple[int, int]
@@ -56,7 +56,7 @@ class AttemptRecord(msgspec.Struct, frozen=True):
 
 class _Head(msgspec.Struct, frozen=True):
     format: int
-    cells: Triple
+    cells: Cells
     cell: RobotCell
     attempts: tuple[AttemptRecord, ...]
 
@@ -67,13 +67,13 @@ class Attempt:
 
     Attributes
     ----------
-    chosen : PlacedItem
-        The location of the grid that was chosen for it.
+    chosen : ItemInBox
+        The placement that was chosen for it.
     planned : PosedItem
         Where the arm was to release it.
     """
 
-    chosen: PlacedItem
+    chosen: ItemInBox
     planned: PosedItem
     outcome: Outcome
     recording: Recording
@@ -85,16 +85,16 @@ class Trajectory:
 
     Attributes
     ----------
-    cells : Triple
+    cells : Cells
         The cells of the box along x, y and z.
     """
 
     cell: RobotCell
-    cells: Triple
+    cells: Cells
     attempts: tuple[Attempt, ...]
 
     @classmethod
-    def of(cls, cell: RobotCell, cells: Triple, items: Sequence[ExecutedItem]) -> Trajectory:
+    def of(cls, cell: RobotCell, cells: Cells, items: Sequence[ExecutedItem]) -> Trajectory:
         """Return the trajectory of a box's items."""
         attempts = (Attempt(i.chosen, i.planned, i.outcome, i.recording) for i in items)
         return cls(cell, cells, tuple(attempts))
@@ -115,7 +115,7 @@ class Trajectory:
                     item.shape.id,
                     float(item.scale),
                     item.rotation,
-                    one.chosen.location,
+                    one.chosen.location if isinstance(one.chosen, PlacedItem) else None,
                     (*pose.translation.tolist(), *pose.wxyz),
                     one.outcome,
                     own.held,
@@ -175,7 +175,7 @@ class Trajectory:
             recording = Recording(
                 own["joints"], record.held, record.radius, own["rows"], own["poses"]
             )
-            chosen = PlacedItem(item, record.location)
+            chosen = planned if record.location is None else PlacedItem(item, record.location)
             attempts.append(Attempt(chosen, planned, record.outcome, recording))
         return cls(head.cell, head.cells, tuple(attempts))
 

@@ -16,6 +16,7 @@ from packit_agents.placements.free_space import FreeSpace
 from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import Placements, choose, placements
 from packit_agents.placements.scored_layout import Scorer
+from packit_agents.placements.stable_choice import choose_stable
 from packit_sim.core.assets import assets_folder
 from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.placement import ItemInBox
@@ -56,10 +57,13 @@ class Planner:
     ----------
     scorer : callable
         Scores the placements.
+    stable : bool, default: False
+        Whether it prefers placements that disturb nothing (see `choose_stable`).
     """
 
-    def __init__(self, scorer: Scorer) -> None:
+    def __init__(self, scorer: Scorer, stable: bool = False) -> None:
         self.scorer = scorer
+        self._stable = stable
         self._known: WeakKeyDictionary[Episode, _Known] = WeakKeyDictionary()
 
     def compare(self, episode: Episode) -> ComparedPlacements | None:
@@ -124,7 +128,11 @@ class Planner:
                 break
             scores = self.scorer(found.features)
             order = (n for n in np.argsort(-scores, kind="stable").tolist() if agree[n])
-            chosen = choose(found, (n for n in order if found.is_feasible(n, episode.box)))
+            feasible = (n for n in order if found.is_feasible(n, episode.box))
+            if self._stable:
+                chosen = choose_stable(found, feasible, episode.box)
+            else:
+                chosen = choose(found, feasible)
             if chosen is not None:
                 return ComparedPlacements(found, scores, chosen)
         return None
@@ -176,11 +184,14 @@ class PlacementPolicy:
     ----------
     file : Path or str
         The network's weights.
+    stable : bool, default: False
+        Whether placements that disturb nothing come first, in a box whose items move.
     """
 
-    def __init__(self, file: Path | str) -> None:
+    def __init__(self, file: Path | str, stable: bool = False) -> None:
         self._file = Path(file)
-        self._planner = _planner(self._file.resolve())
+        self._stable = stable
+        self._planner = _planner(self._file.resolve(), stable)
         network = self._planner.scorer
         assert isinstance(network, PlacementNetwork)
         self.weights_digest = network.digest
@@ -222,7 +233,7 @@ class PlacementPolicy:
         return self._planner.scores(episode)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self._file,)
+        return type(self), (self._file, self._stable)
 
 
 class PlacedShape(PlacementPolicy):
@@ -238,9 +249,9 @@ class PlacedLocation(PlacementPolicy):
 
 
 @cache
-def _planner(file: Path) -> Planner:
+def _planner(file: Path, stable: bool) -> Planner:
     """Share a planner between the three policies of an agent."""
-    return Planner(PlacementNetwork.read(file))
+    return Planner(PlacementNetwork.read(file), stable)
 
 
 _CHAMPION = assets_folder() / "weights" / "champion.safetensors"
@@ -253,3 +264,12 @@ CHAMPION_ROTATION = partial(PlacedRotation, _CHAMPION)
 
 CHAMPION_LOCATION = partial(PlacedLocation, _CHAMPION)
 """The location at which the champion places a shape."""
+
+STABLE_CHAMPION_SHAPE = partial(PlacedShape, _CHAMPION, stable=True)
+"""The champion's shape, of the placements after which the items in the box stay where they are."""
+
+STABLE_CHAMPION_ROTATION = partial(PlacedRotation, _CHAMPION, stable=True)
+"""The champion's rotation, of the placements after which the items stay where they are."""
+
+STABLE_CHAMPION_LOCATION = partial(PlacedLocation, _CHAMPION, stable=True)
+"""The champion's location, of the placements after which the items stay where they are."""

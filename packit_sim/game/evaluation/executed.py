@@ -6,8 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from packit_sim.core.files import replacing
+from packit_sim.game.datasets.packs import Pack
 from packit_sim.game.episodes.episode import Episode
+from packit_sim.geometry.items import PlacedItem, PosedItem
+from packit_sim.geometry.shapes import Item
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.robot.cell import RobotCell
 from packit_sim.robot.measures import measures
+from packit_sim.robot.plans import ExecutedPlan, execute_plan
 from packit_sim.robot.trajectory import Trajectory
 
 
@@ -52,3 +58,32 @@ def executed(episode: Episode, folder: Path | None) -> Executed | None:
         with replacing(folder / f"{digest}.npz") as file:
             file.write(trajectory.to_bytes())
     return Executed(measures(trajectory, episode.task.items), digest)
+
+
+def execute_pack(pack: Pack, library: ShapeLibrary, cell: RobotCell | None = None) -> ExecutedPlan:
+    """Let an arm put the items of a pack in where they are, in their order.
+
+    Parameters
+    ----------
+    pack : Pack
+        The pack, such as a stored result.
+    library : ShapeLibrary
+        Its library.
+    cell : RobotCell, optional
+        The robot cell.
+
+    Returns
+    -------
+    ExecutedPlan
+        The box at the end.
+
+    Raises
+    ------
+    ArgumentError
+        If the arm can't reach the box, or can't lift an item.
+    """
+    plan = [
+        PosedItem.of(one) if isinstance(one, PlacedItem) else one for one in pack.placed(library)
+    ]
+    outside = [Item(library[record.shape], record.scale) for record in pack.outside]
+    return execute_plan(plan, pack.cells, cell or RobotCell(), outside)

@@ -1,0 +1,94 @@
+"""Attempts: the arm tries to put one more item into the box, if it can hold and insert it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import trimesh
+
+from packit_sim import placement
+from packit_sim.geometry.items import ItemInBox, PlacedItem, PosedItem
+from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.motions import Motion
+from packit_sim.robot.arm import Arm
+from packit_sim.robot.cell import Cells, RobotCell
+from packit_sim.robot.executed_item import ExecutedItem, Outcome
+from packit_sim.robot.execution import Execution, execute, presented, tool_path
+from packit_sim.robot.grasps import best_grasp, grasp_off_the_grid
+from packit_sim.robot.recording import Recording
+
+
+def attempt(
+    tried: Sequence[ExecutedItem],
+    chosen: ItemInBox,
+    planned: PosedItem,
+    *,
+    cell: RobotCell,
+    cells: Cells,
+    arm: Arm,
+) -> tuple[ExecutedItem, ...]:
+    """Let the arm try to put an item into the box.
+
+    Parameters
+    ----------
+    tried : sequence of ExecutedItem
+        All items that were tried before.
+    chosen : ItemInBox
+        The placement that was chosen for the item.
+    planned : PosedItem
+        Where the arm is to release it: straight below.
+
+    Returns
+    -------
+    tuple of ExecutedItem
+        All items that were tried, and last this one, where they are afterwards. It has the outcome
+        `no path` if it would meet another item, where that really is, on its way straight down, or
+        protrude from the box.
+    """
+    number = len(tried)
+    there = [n for n, one in enumerate(tried) if is_over(cells, one.posed)]
+    actual = [tried[n].posed for n in there]
+    aside = presented(planned, cell, cells, number)
+    if isinstance(chosen, PlacedItem):
+        grasp = best_grasp(chosen.item, cell)
+    else:
+        grasp = grasp_off_the_grid(planned, cell)
+    route = None
+    released = planned.moved(Motion.shift((0.0, 0.0, cell.gap / cell.edge)))
+    is_free = cell.holds(cells, planned) and placement.is_insertable(actual, released)
+    if grasp is not None and is_free:
+        path = tool_path(actual, aside, planned, grasp, cell=cell, cells=cells)
+        route = arm.route(path, _load(aside, cell), (cell.seed, number))
+    if grasp is None or route is None:
+        outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH
+        done = Execution(outcome, (*actual, aside), Recording())
+    else:
+        done = execute(
+            actual,
+            [*there, number],
+            aside,
+            planned,
+            grasp.radius,
+            route,
+            cell=cell,
+            cells=cells,
+            arm=arm,
+        )
+    new = ExecutedItem(chosen, planned, done.outcome, aside, done.posed[-1], False, done.recording)
+    now = [*tried, new]
+    for n, posed in zip([*there, number], done.posed, strict=True):
+        now[n] = replace(now[n], posed=posed, inside=cell.holds(cells, posed))
+    return tuple(now)
+
+
+def is_over(cells: Cells, posed: PosedItem) -> bool:
+    """Decide whether an item is in or above a box: others are cleared away."""
+    x, y, _ = posed.center
+    return bool(0 <= x <= cells[0] * CELL and 0 <= y <= cells[1] * CELL)
+
+
+def _load(posed: PosedItem, cell: RobotCell) -> trimesh.Trimesh:
+    """Return the mesh of an item where it is, in m."""
+    vertices = posed.vertices * cell.edge
+    return trimesh.Trimesh(vertices, posed.item.shape.mesh.faces, process=False)
