@@ -33,8 +33,8 @@ if TYPE_CHECKING:  # the only module that imports viser: others take its types f
 _ASPECT = 4 / 3
 """Width over height of the smallest window that shows everything at first."""
 
-_NARROW, _UPRIGHT = 480, 0.7
-"""Pixels, and width over height, up to which a window is one of a telephone."""
+_NARROW, _HIGH = 480, 560
+"""Most pixels of the width, and fewest of the height, of a telephone's window."""
 
 _FREE = 0.4
 """The share of a telephone's window that viser's panel leaves free, above it."""
@@ -165,7 +165,7 @@ def aim_camera(
 
 def _free_share(camera: viser.CameraHandle) -> float:
     """Return the share of a window's height, from its upper edge on, that no panel covers."""
-    is_phone = camera.image_width <= _NARROW and camera.aspect < _UPRIGHT
+    is_phone = camera.image_width <= _NARROW and camera.image_height >= _HIGH
     return _FREE if is_phone else 1.0
 
 
