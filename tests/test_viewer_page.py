@@ -155,7 +155,7 @@ def test_the_whole_box_is_in_view(opened: Opened) -> None:
 @pytest.mark.slow
 def test_what_moves_apart_stays_in_view(opened: Opened) -> None:
     first = opened.explorer.views[0]
-    apart = reach(first.at(len(first.placed)), 1.5)
+    apart = reach(first.contents(), 1.5)
     assert not in_view(opened, apart)
     opened.explorer.controls.explode.value = 1.5
     opened.explorer.wait()
