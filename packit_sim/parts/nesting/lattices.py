@@ -34,6 +34,9 @@ FEWEST = 12
 CELLS = 40
 """Cells along the longest side of an item."""
 
+MOST_TURNS = 48
+"""Most rotations that are tried: each takes time with each other one."""
+
 PAIRS = 12
 """Pairs of items that are repeated: those with the least bounding boxes."""
 
@@ -94,6 +97,7 @@ def lattice_poses(problem: Problem, task: SearchTask) -> Poses | None:
     fitting = [o for o in allowed.tolist() if (sides[o] <= size + problem.lookup.slack).all()]
     if not fitting:
         return None
+    fitting = fitting[:: -(-len(fitting) // MOST_TURNS)]
     if task.size[2] == np.inf:
         size[2] = min(_grid_height(sides[o], size, task.count) for o in fitting)
     cell = float(sides[fitting[0]].max()) / CELLS
