@@ -30,7 +30,7 @@ class Powder:
 
     Examples
     --------
-    >>> from packit_sim.parts.reading.powder import Powder
+    >>> from packit_sim import Powder
     >>> powder = Powder(density=0.5, refresh=0.2)
     >>> powder.text(bed=1000.0, parts=100.0, mass=100.0)  # in cm3, and in grams
     '550 g, 18.18% of it parts; 110 g fresh at 20%'
