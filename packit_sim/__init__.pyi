@@ -54,8 +54,8 @@ from .parts.packings.packing import Packing as Packing
 from .parts.packings.turning import Turning as Turning
 from .parts.reading.boxes import BoxType as BoxType
 from .parts.reading.limits import Limits as Limits
-from .parts.reading.powder import Powder as Powder
 from .parts.reading.part import Part as Part
+from .parts.reading.powder import Powder as Powder
 from .physics.convex.settings import DecompositionSettings as DecompositionSettings
 from .physics.quality import pack_quality as pack_quality
 from .physics.settings import PhysicsSettings as PhysicsSettings

@@ -97,7 +97,7 @@ def _orders() -> list[bytes]:
     files = [{"number": 1, "count": 2, "rotations": "cube", "fields": {"mass": "3"}}]
     box = [{"size": "30 x 2.5e1x.2in", "name": "A", "count": 2}, {"size": "cylinder:3x4in"}]
     order = {"box": box, "unit": "mm", "files": files, "clearance": "0.5mm", "clearance_z": "0.1"}
-    order |= {"wall_clearance": "sides=1mm,top=2", "max_mass": ["2kg"], "max_parts": ["A:3"]}
+    order |= {"wall_clearance": "sides=1mm,top=1mm", "max_mass": ["2kg"], "max_parts": ["A:3"]}
     return [json.dumps(order | {"seconds": 1.5, "seed": 3, "instructions": True}).encode()]
 
 
