@@ -81,8 +81,13 @@ def test_items_go_to_the_lowest_of_all_places(rotations: str) -> None:
         x, y, z = own.shape
         assert k + z == least
         assert not (taken[i : i + x, j : j + y, k : k + z] & own).any()
-        taken[i : i + x, j : j + y, k : k + z] |= own
-        space.put(t, o, place)
+        corners = types[t].vertices - (types[t].low + types[t].high) / 2
+        triangles = (corners @ problem.lookup.turns[o].T + place)[types[t].faces]
+        low, placed = placed_voxels(triangles, SIDE, 0.0)
+        for cell in np.argwhere(placed) + low:
+            if (cell >= 0).all() and (cell < taken.shape).all():
+                taken[tuple(cell)] = True
+        space.put(triangles, 0.0)
         tops.append(k + z)
     assert max(tops) > 16  # longer than any window
 
@@ -95,7 +100,7 @@ def test_there_is_no_place_in_a_low_box_and_in_a_full_one() -> None:
     space = Space(cells, boxes_of([(4.4, 4.4, 4.4)])[0])
     assert space.lowest(0, turns) is not None
     full = creation.box((4.4, 4.4, 4.4)).apply_translation((2.2, 2.2, 2.2)).triangles
-    space.put_surface(np.asarray(full), 0.0)
+    space.put(np.asarray(full), 0.0)
     assert space.lowest(0, turns) is None
 
 

@@ -1,4 +1,4 @@
-"""What an order of the workbench may ask for, and parts that are moved by hand."""
+"""Orders of the workbench, and parts that are moved by hand."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -74,7 +74,7 @@ def _bounds(packing: Packing, one: Placement) -> tuple[Floats, Floats]:
 
 
 class _Hollow:
-    """What is inside the hollow of an open part."""
+    """The hollow of an open part, and the parts inside it."""
 
     def __init__(self, around: ItemType) -> None:
         self._triangles = around.vertices[around.faces]

@@ -451,7 +451,7 @@ class PackTask:
 
     @cached_property
     def gravities(self) -> tuple[float, ...]:
-        """What one of each part weighs in a balance: grams, or volumes if no part has a mass."""
+        """The weight of each part in a balance: its mass, or its volume if no part has a mass."""
         return tuple(each.volume if each.mass is None else each.mass for each in self.parts)
 
     @property

@@ -83,7 +83,7 @@ def filled_cells(
         space = Space(cells, box)
         for i in np.flatnonzero(state.inside).tolist():
             if box_of(boxes, state.places[i, 0]) == k:
-                space.put_surface(_placed(problem, state, i), grow)
+                space.put(_placed(problem, state, i), grow)
         for n, i in enumerate(left):
             if budget is not None and n > 0 and budget.is_late:
                 return Poses.of(state)
@@ -93,7 +93,7 @@ def filled_cells(
                 put(problem.lookup, state, i, *found)
                 own = np.array([i])
                 settle(problem, state, boxes, own, first, last, settings.settling_tries, rng)
-                space.put_surface(_placed(problem, state, i), grow)
+                space.put(_placed(problem, state, i), grow)
     return Poses.of(state)
 
 

@@ -214,15 +214,7 @@ class Space:
         self._windows = _no_windows(self._sides[0], self._sides[1], LONGEST)
         self._top = 0
 
-    def put(self, t: int, o: int, place: Floats) -> None:
-        """Take the cells of an item whose place is one of the grid."""
-        form = self._cells.forms[t, o]
-        low = np.round((place - self._low) / self._cells.side - form[4:] / 2).astype(np.int64)
-        self._reach(int(low[2] + form[6]))
-        mark(self._windows, self._cells.bits, form, *low)
-        self._changed(low, low + form[4:])
-
-    def put_surface(self, triangles: Floats, grow: float) -> None:
+    def put(self, triangles: Floats, grow: float) -> None:
         """Take the cells of a solid at any place, as far as they are in the grid."""
         low, solid = placed_voxels(triangles - self._low, self._cells.side, grow)
         cut = np.maximum(-low, 0)

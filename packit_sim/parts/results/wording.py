@@ -55,7 +55,7 @@ DOORS: dict[Door, str] = {
     "y+": "through the back",
     "z+": "from above",
 }
-"""Where parts come in through each door."""
+"""The words for the way in through each door."""
 
 
 def turn_in_words(turn: Floats) -> str:

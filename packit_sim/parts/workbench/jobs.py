@@ -36,7 +36,7 @@ Texts = Annotated[list[str], Meta(max_length=MAX_BOXES)]
 
 
 class AskedFile(Struct, forbid_unknown_fields=True):
-    """A file, and what it is used for.
+    """A file of the page, and its use.
 
     Attributes
     ----------
@@ -211,7 +211,7 @@ def read_job(job: PackingJob, uploads: Mapping[int, Upload], **more: Any) -> Rea
 
 @dataclass(frozen=True)
 class CheckedJob:
-    """A job, as far as it can be told before its parts are prepared whether it is possible.
+    """The check of a job before its parts are prepared.
 
     Attributes
     ----------
