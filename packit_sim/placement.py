@@ -10,7 +10,7 @@
 - *For kernels* of other packages: the arrays of a box and the functions that read them.
 """
 
-from packit_sim.engine.collision_meshes import LooseMesh, collision_mesh
+from packit_sim.engine.collision_meshes import LooseMesh, collision_mesh, triangles_cross
 from packit_sim.engine.compaction import Compacted, compact, drops
 from packit_sim.engine.containment import PartArrays
 from packit_sim.engine.containment_kernels import holds, winding_number
@@ -112,5 +112,6 @@ __all__ = [
     "oracle",
     "routed_share",
     "state_at",
+    "triangles_cross",
     "winding_number",
 ]

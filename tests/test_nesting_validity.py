@@ -15,6 +15,7 @@ from packit_sim import Item, ShapeLibrary
 from packit_sim.core.errors import ArgumentError
 from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.packings.checked_meshes import CheckedMesh
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
@@ -100,6 +101,34 @@ def test_conflicts_are_those_of_the_intersection_of_the_solids(seed) -> None:
         else:  # what is common lies within the tolerance of the surfaces
             assert common <= 1e-3 * min(mesh.area for mesh in meshes), seed
     assert min(found.values()) >= 8
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_meshes_cross_where_those_of_all_their_triangles_do(seed) -> None:
+    """Of any sizes, drawn in by the tolerance of the pair, near contact."""
+    rng = np.random.default_rng(seed)
+    found = {True: 0, False: 0}
+    for _ in range(150):
+        types = [of(solids()[n]) for n in rng.integers(len(solids()), size=2)]
+        scales = rng.uniform(0.05, 1, 2)
+        unit, drawn_in = rng.choice([0.01, 1.0, 5.0], 2) * 1e-2
+        meshes = [CheckedMesh(*each, unit, drawn_in) for each in zip(types, scales, strict=True)]
+        whole = []
+        for each, scale in zip(types, scales, strict=True):
+            left = np.maximum(scale * each.extents - drawn_in, 0) / each.extents
+            whole.append(LooseMesh((each.vertices - each.middle) * left / unit, each.faces))
+        turn, direction = turn_of(rng), rng.normal(size=3)
+        direction /= np.linalg.norm(direction) * unit
+        low, high = 0.0, 4.0  # from the last place where they cross along a line
+        for _ in range(20):
+            middle = (low + high) / 2
+            crosses = whole[0].crosses(whole[1], middle * direction, turn)
+            low, high = (middle, high) if crosses else (low, middle)
+        for way in (low, high, *rng.uniform(0, high, 3)):
+            expected = whole[0].crosses(whole[1], way * direction, turn)
+            assert meshes[0].crosses(meshes[1], turn, way * direction) == expected
+            found[expected] += 1
+    assert min(found.values()) >= 100
 
 
 def test_a_small_item_fits_in_the_hole_of_another_but_not_in_its_solid() -> None:

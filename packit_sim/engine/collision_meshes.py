@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.engine.containment import ClosedPart, PartArrays
+from packit_sim.engine.crossing_kernels import CROSSING, UNSURE, relation
 from packit_sim.engine.pairs import Pair, matrix
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
@@ -28,6 +29,9 @@ _moving = threading.Lock()
 """Held while a mesh is moved for a query."""
 
 _NO_TURN = np.eye(3)
+
+_AS_IT_IS = np.array([[0, 1, 2], [1, 1, 1]])
+"""The rotation of `crossing_kernels.relation` that changes nothing."""
 
 _REQUEST = fcl.CollisionRequest(num_max_contacts=1, enable_contact=False)
 
@@ -203,6 +207,32 @@ class LooseMesh:
         with _moving:
             other._moving.setTransform(fcl.Transform(turn, np.array(shift)))
             return float(fcl.distance(self._fixed, other._moving))
+
+
+def triangles_cross(one: Floats, other: Floats) -> bool:
+    """Decide whether a triangle of one surface crosses a triangle of another.
+
+    Parameters
+    ----------
+    one, other : ndarray of float64, shape (n, 3, 3)
+        The corners of the triangles, at least one, near the origin.
+
+    Returns
+    -------
+    bool
+        What is proved (see `crossing_kernels`), or else FCL's answer.
+    """
+    trees = [(triangles, *boxes_of(triangles)) for triangles in (one, other)]
+    region = np.stack((trees[0][1][1, 0], trees[0][1][1, 1]))
+    found = relation(*trees, _AS_IT_IS, np.zeros(3), region)
+    if found != UNSURE:
+        return bool(found == CROSSING)
+    return _soup(one).crosses(_soup(other))
+
+
+def _soup(triangles: Floats) -> LooseMesh:
+    """Return the FCL mesh of triangles (n, 3, 3) without common vertices."""
+    return LooseMesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
 def _collide(one: fcl.CollisionObject, other: fcl.CollisionObject) -> bool:

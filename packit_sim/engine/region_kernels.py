@@ -18,12 +18,10 @@ import numpy as np
 from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.engine.crossing_kernels import APART, CROSSING, MARGIN, UNSURE, apart, cross
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.triangle_tree_kernels import collect
 
 MAX_TRIANGLES = 256
 """Limit of each surface's triangles; with more, two trees are faster than all pairs."""
-
-_STACK = 64
-"""Nodes that can wait: more than the levels of a tree."""
 
 
 class Workspace(NamedTuple):
@@ -85,9 +83,9 @@ def relation_in(one, other, turn, shift, region, space):
         p = turn[1, d] * (wide[0, d] - shift[d])
         q = turn[1, d] * (wide[1, d] - shift[d])
         turned[0, turn[0, d]], turned[1, turn[0, d]] = min(p, q) - MARGIN, max(p, q) + MARGIN
-    count = _collect(one, wide, numbers)
+    count = collect(one, wide, numbers)
     # Without triangles of the first surface the second need not be looked at.
-    other_count = _collect(other, turned, other_numbers) if count else 0
+    other_count = collect(other, turned, other_numbers) if count else 0
     if count < 0 or other_count < 0:
         return -1
     for m in range(other_count):
@@ -118,48 +116,6 @@ def relation_in(one, other, turn, shift, region, space):
                 return CROSSING
             unsure = True
     return UNSURE if unsure else APART
-
-
-@inner_kernel
-def _collect(tree, region, numbers):
-    """Write the numbers of a surface's triangles that meet a region; return how many, or -1."""
-    triangles, boxes, starts = tree
-    leaves = len(starts) - 1
-    lx, ly, lz = region[0, 0], region[0, 1], region[0, 2]
-    hx, hy, hz = region[1, 0], region[1, 1], region[1, 2]
-    waiting = np.empty(_STACK, np.int64)
-    waiting[0] = 1
-    top = 1
-    count = 0
-    while top:
-        top -= 1
-        node = waiting[top]
-        if (
-            boxes[node, 0, 0] > hx
-            or boxes[node, 1, 0] < lx
-            or boxes[node, 0, 1] > hy
-            or boxes[node, 1, 1] < ly
-            or boxes[node, 0, 2] > hz
-            or boxes[node, 1, 2] < lz
-        ):
-            continue
-        if node < leaves:
-            waiting[top], waiting[top + 1] = 2 * node, 2 * node + 1
-            top += 2
-            continue
-        for n in range(starts[node - leaves], starts[node - leaves + 1]):
-            is_outside = False
-            for d in range(3):
-                p, q, r = triangles[n, 0, d], triangles[n, 1, d], triangles[n, 2, d]
-                is_above = min(p, q, r) > region[1, d]
-                is_outside = is_outside or is_above or max(p, q, r) < region[0, d]
-            if is_outside:
-                continue
-            if count == len(numbers):
-                return -1
-            numbers[count] = n
-            count += 1
-    return count
 
 
 @inner_kernel

@@ -17,7 +17,7 @@ from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.parts import by_part, part_numbers
 from packit_sim.parts.packings.checked_items import CheckedItem
-from packit_sim.parts.packings.checked_meshes import checked_mesh
+from packit_sim.parts.packings.checked_meshes import CheckedMesh
 from packit_sim.parts.packings.complements import CROSSES, complement
 from packit_sim.parts.packings.containers import Measured, fixed_in_place, in_bounding_box
 from packit_sim.parts.packings.distances import WallClearance
@@ -154,27 +154,26 @@ class MeshContainer:
             return
         drawn_in = 2 * item.tolerance  # by its tolerance at each side
         unit = drawn_in / CONTACT_TOLERANCE
-        mesh = checked_mesh(item.item_type, item.scale, drawn_in)
-        own_mesh = checked_mesh(self.mesh, 1.0, drawn_in)
+        mesh = CheckedMesh(item.item_type, item.scale, unit, drawn_in)
+        own_mesh = CheckedMesh(self.mesh, 1.0, unit, 0.0)
         place = Placement(0, self.container_from_mesh)
         own = CheckedItem(self.name, self.mesh, place, self.longest)
         turn, shift = item.seen_from(own, unit)
-        if own_mesh.full_surface.crosses(mesh.surface, shift, turn):
+        if own_mesh.crosses(mesh, turn, shift):
             yield f"crosses {wall}"
-        elif not self._is_around(mesh.vertices @ turn.T + shift, mesh.sampled_faces, unit):
+        elif not self._is_around(mesh.vertices @ turn.T + shift, mesh.mesh.sampled_faces, unit):
             yield f"lies, in part or whole, beyond {wall}"
         elif self._has_part_in(item) and mesh.holds(own_mesh, *own.seen_from(item, unit)):
             yield f"is around a part of {wall}"
         elif clearance > 0:
-            _, far = item.seen_from(own, drawn_in)
-            distance = own_mesh.whole_surface.distance(mesh.whole_surface, far, turn) * drawn_in
+            distance = own_mesh.distance(mesh, turn, shift)
             if not distance >= clearance - (item.tolerance if slack is None else slack):
                 yield (
                     f"is {max(distance, 0.0):.3g} from {wall}: "
                     f"less than the clearance of {clearance:.3g}"
                 )
 
-    def _is_around(self, vertices: Floats, parts: Sequence[Ints], unit: float) -> bool:
+    def _is_around(self, vertices: Floats, parts: Ints, unit: float) -> bool:
         """Return whether the mesh winds once around most of some triangles of each part."""
         for faces in parts:
             points = vertices[faces].mean(axis=1) * unit

@@ -12,7 +12,7 @@ import numpy as np
 
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.parts.packings.checked_items import CheckedItem
-from packit_sim.parts.packings.checked_meshes import checked_mesh
+from packit_sim.parts.packings.checked_meshes import CheckedMesh
 from packit_sim.parts.packings.containers import Container
 
 MAX_PROBLEMS = 1000
@@ -68,11 +68,11 @@ def pair_problems(
         return
     smaller = min(one.tolerance, other.tolerance)
     unit = smaller / CONTACT_TOLERANCE
-    mesh = checked_mesh(one.item_type, one.scale, smaller)
-    other_mesh = checked_mesh(other.item_type, other.scale, smaller)
+    mesh = CheckedMesh(one.item_type, one.scale, unit, smaller)
+    other_mesh = CheckedMesh(other.item_type, other.scale, unit, smaller)
     turn, shift = other.seen_from(one, unit)
     if overlap:
-        if mesh.surface.crosses(other_mesh.surface, shift, turn):
+        if mesh.crosses(other_mesh, turn, shift):
             yield f"{other.name} crosses {one.name}"
             return
         inside = mesh.holds(other_mesh, turn, shift)
@@ -85,8 +85,7 @@ def pair_problems(
             return
     if clearance > 0:
         if stretch == 1:
-            _, far = other.seen_from(one, smaller)
-            distance = mesh.whole_surface.distance(other_mesh.whole_surface, far, turn) * smaller
+            distance = mesh.distance(other_mesh, turn, shift)
         else:
             distance = one.stretched_distance(other, stretch)
         if not distance >= clearance - (smaller if slack is None else slack):
@@ -136,15 +135,18 @@ def _problems(
 ) -> Iterator[str]:
     for item in items:
         yield from outside(item, container)
-    low, high = (np.array([getattr(b, end) for b in items]) for end in ("low", "high"))
+    low = np.array([item.low for item in items]).reshape(-1, 3)
+    high = np.array([item.high for item in items]).reshape(-1, 3)
     boxes = np.array([item.box for item in items])
     largest = max((clearance, *(item.clearance for item in items)))
-    for n, one in enumerate(items[:-1]):
-        rest = slice(n + 1, None)
+    upwards = np.lexsort((low[:, 2], boxes))  # neighbours follow each other: few meshes are in use
+    for at, n in enumerate(upwards.tolist()):
+        rest = upwards[at + 1 :]
         gaps = np.maximum(low[n], low[rest]) - np.minimum(high[n], high[rest])
-        near = (gaps * (1, 1, stretch) <= largest).all(axis=1) & (boxes[rest] == one.box)
-        for m in np.flatnonzero(near).tolist():
-            yield from pair_problems(one, items[n + 1 + m], clearance, stretch=stretch)
+        near = (gaps * (1, 1, stretch) <= largest).all(axis=1) & (boxes[rest] == boxes[n])
+        for m in rest[near].tolist():
+            one, other = items[min(n, m)], items[max(n, m)]
+            yield from pair_problems(one, other, clearance, stretch=stretch)
     for obstacle in obstacles:
         for item in items:
             yield from pair_problems(obstacle, item, clearance, stretch=stretch)
