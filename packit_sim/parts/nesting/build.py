@@ -103,8 +103,7 @@ def build(
     beyond = max(
         float(np.abs(b).max() - np.abs(a).max()) for a, b in zip(own, centred, strict=True)
     )
-    turned = [vertices @ turns.transpose(0, 2, 1) for vertices in own]
-    boxes = np.array([np.hstack((v.min(axis=1), v.max(axis=1))) for v in turned])
+    boxes = np.array([_turned_boxes(vertices, turns) for vertices in own])
     allowed = np.zeros((len(types), len(turns)), np.int64)
     counts = np.zeros(len(types), np.int64)
     for n, some in enumerate(own_turns):
@@ -137,8 +136,8 @@ def build(
         sizes=np.sqrt(longest / longest.mean()),
         hollow=np.array([not is_simple and _is_hollow(each, settings.hollow) for each in types]),
         numbers=np.full((len(measured), len(measured), len(relative_turns)), -1, np.int64),
-        fields=np.zeros((min(fields, settings.max_fields) + 1, 4), np.int64),
-        values=np.zeros(settings.max_field_values, np.int16),
+        fields=np.zeros((min(fields, settings.max_fields) * has_fields + 1, 4), np.int64),
+        values=np.zeros(settings.max_field_values * has_fields, np.int16),
         used=np.zeros(3, np.int64),
         voxels=np.concatenate([np.empty(0, np.uint8), *flat]),
         voxel_fields=voxel_fields.reshape(len(measured), len(relative_turns), 4).astype(np.int64),
@@ -218,6 +217,12 @@ def _distinct(
     return kept
 
 
+def _turned_boxes(vertices: Floats, turns: Floats) -> Floats:
+    """Return the bounding box (m, 6) of a type in each rotation (m, 3, 3)."""
+    turned = vertices @ turns.transpose(0, 2, 1)
+    return np.hstack((turned.min(axis=1), turned.max(axis=1)))
+
+
 def _voxel(
     types: Sequence[ItemType], relative: int, refined: bool, settings: SearchSettings
 ) -> float:
@@ -235,18 +240,21 @@ def _voxel(
 
 
 def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float) -> Surfaces:
-    trees = []
-    for each, vertices in zip(types, centred, strict=True):
+    starts = _starts([each.faces for each in types])
+    first, other = np.empty((2, starts[-1], 3, 3))  # filled in place: they are most of the memory
+    owned = np.empty(starts[-1], np.uint8)
+    boxes, leaves = [], []
+    for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
         smaller, larger = (
             vertices * (np.maximum(each.extents - share * tolerance, 0) / each.extents)
             for share in DRAWN_IN
         )
         faces = each.faces[tree_order(larger[each.faces])]
-        tree = boxes_of(larger[faces])
-        trees.append((smaller[faces], _owned(faces), larger[faces], *tree))
-    first, owned, other, boxes, leaves = zip(*trees, strict=True)
-    corners, starts, *rest = _joined(other, boxes, leaves)
-    return Surfaces(np.concatenate(first), corners, starts, np.concatenate(owned), *rest)
+        own = slice(starts[n], starts[n + 1])
+        first[own], other[own], owned[own] = smaller[faces], larger[faces], _owned(faces)
+        for found, part in zip((boxes, leaves), boxes_of(other[own]), strict=True):
+            found.append(part)
+    return Surfaces(first, other, starts, owned, *_joined(boxes, leaves))
 
 
 def _owned(faces: Ints) -> Ints:
