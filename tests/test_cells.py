@@ -11,10 +11,11 @@ import pytest
 from trimesh import creation
 
 from packit_sim import BoxContainer, ItemType, NestSettings, nest
+from packit_sim.parts.nesting import cells as cells_module
 from packit_sim.parts.nesting.build import build, count_fields
 from packit_sim.parts.nesting.cell_separation_kernels import CellState, put_on_grid
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
-from packit_sim.parts.nesting.cells import Cells, Space, cells_of
+from packit_sim.parts.nesting.cells import Cells, Space, cells_of, least_side
 from packit_sim.parts.nesting.filling import loaded
 from packit_sim.parts.nesting.placement_kernels import SIDES, cover, inner_cubes, update_windows
 from packit_sim.parts.nesting.problem import Problem, boxes_of, state_of
@@ -26,7 +27,7 @@ from packit_sim.parts.nesting.voxel_sets import placed_voxels, voxelized
 SIDE = 0.21
 """The side of cells, which no size of an item is a multiple of."""
 
-BY_CELLS = replace(DEFAULT_SETTINGS, most_fields=0, cell_patience=20)
+BY_CELLS = replace(DEFAULT_SETTINGS, most_fields=0, cell_patience=20, finest_cells=44)
 
 
 def shapes(count: int, rotations: str = "cube") -> list[ItemType]:
@@ -164,6 +165,31 @@ def grid_of(problem: Problem, cells: Cells, places: Any) -> tuple[Any, CellState
 def cut(cells: Any, low: Any, high: Any) -> Any:
     (a, b, c), (d, e, f) = low, high
     return cells[a:d, b:e, c:f]
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5])
+def test_bodies_around_types_have_their_own_cells(factor: float) -> None:
+    """There is room for their words, however large they are."""
+    types = shapes(6)
+    bodies = [
+        ItemType(one.name, one.middle + factor * (one.vertices - one.middle), one.faces)
+        for one in types
+    ]
+    problem = build(types, 4.4, 0.0, by_cells=True, has_fields=False, bodies=bodies)
+    alone = build(bodies, 4.4, 0.0, by_cells=True, has_fields=False)
+    cells, expected = cells_of(problem, SIDE), cells_of(alone, SIDE)
+    assert (cells.bits == expected.bits).all()
+    assert (cells.forms == expected.forms).all()
+
+
+def test_finer_cells_take_more_memory_and_never_more_than_is_allowed(monkeypatch) -> None:
+    problem = build(shapes(9), 4.4, 0.0, by_cells=True, has_fields=False)
+    allowed = cells_of(problem, SIDE).bits.nbytes
+    monkeypatch.setattr(cells_module, "MOST_BYTES", 1.2 * allowed)
+    assert least_side(problem, SIDE) == SIDE
+    side = least_side(problem, 0.4 * SIDE)
+    assert 0.4 * SIDE < side <= SIDE
+    assert 0.7 * allowed < cells_of(problem, side).bits.nbytes <= 1.2 * allowed
 
 
 def test_shared_cells_are_counted() -> None:

@@ -243,7 +243,8 @@ def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float
     starts = _starts([each.faces for each in types])
     first, other = np.empty((2, starts[-1], 3, 3))  # filled in place: they are most of the memory
     owned = np.empty(starts[-1], np.uint8)
-    boxes, leaves = [], []
+    boxes: list[Floats] = []
+    leaves: list[Ints] = []
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
         smaller, larger = (
             vertices * (np.maximum(each.extents - share * tolerance, 0) / each.extents)
@@ -252,8 +253,9 @@ def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float
         faces = each.faces[tree_order(larger[each.faces])]
         own = slice(starts[n], starts[n + 1])
         first[own], other[own], owned[own] = smaller[faces], larger[faces], _owned(faces)
-        for found, part in zip((boxes, leaves), boxes_of(other[own]), strict=True):
-            found.append(part)
+        own_boxes, own_leaves = boxes_of(other[own])
+        boxes.append(own_boxes)
+        leaves.append(own_leaves)
     return Surfaces(first, other, starts, owned, *_joined(boxes, leaves))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.parts.nesting.cells import Space, cells_of
+from packit_sim.parts.nesting.cells import Space, cells_of, least_side
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.pose_kernels import box_of, put
 from packit_sim.parts.nesting.problem import Problem, State, boxes_of
@@ -34,7 +34,8 @@ def cell_side(problem: Problem, task: SearchTask) -> float:
     longest = 2 * problem.reach[task.numbers[: task.count]]
     volume = min(float(task.volumes.sum()) / DENSITY, float(np.prod(task.size)))
     most = settings.most_cells * task.count**0.5
-    return max(float(np.median(longest)) / settings.finest_cells, (volume / most) ** (1 / 3))
+    side = max(float(np.median(longest)) / settings.finest_cells, (volume / most) ** (1 / 3))
+    return least_side(problem, side)
 
 
 def filled_cells(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from packit_sim.geometry.arrays import Ints
 from packit_sim.parts.nesting.cell_filling import cell_side, filled_cells, settle_all
 from packit_sim.parts.nesting.cell_separation import CellSeparation
+from packit_sim.parts.nesting.cells import least_side
 from packit_sim.parts.nesting.compaction import compact
 from packit_sim.parts.nesting.filling import constructed, loaded
 from packit_sim.parts.nesting.problem import Problem, boxes_of
@@ -25,19 +28,22 @@ NEAR = 0.03
 FINER = 0.6
 """Side of the cells of a further construction, as a share of those before, if there is time."""
 
-LEAST_FINER = 0.9
+LEAST_FINER = 0.85
 """The largest such share for which a construction is worth its time."""
 
-FINEST = 0.3
+STEP = 0.9
+"""Such shares are powers of this, so that searches share the cells."""
+
+FINEST = 0.45
 """Least side of the cells of a construction, as a share of the first one's."""
 
 COST = 3
 """Power of the number of cells along a side by which the time of a construction grows."""
 
-FIRST_SIDE = 0.6
+FIRST_SIDE = 0.9
 """Side of the cells of the first separations, as a share of the first construction's."""
 
-LEAST_SIDE = 0.3
+LEAST_SIDE = 0.45
 """The share below which they do not become smaller."""
 
 LEAST_GAIN = 5e-4
@@ -79,7 +85,7 @@ class CellStripSearch(NestSearch):
         if self._is_constructed:
             return
         before = budget.progress
-        finer = self._next_finer(before)
+        finer = self._next_finer(problem, before)
         if finer > LEAST_FINER * self._finer:
             self._is_constructed = True
             self._compact(problem)
@@ -93,13 +99,15 @@ class CellStripSearch(NestSearch):
         budget.take(task.settings.passes_at_once)
         self._spent = budget.progress - before
 
-    def _next_finer(self, progress: float) -> float:
+    def _next_finer(self, problem: Problem, progress: float) -> float:
         """Return the cells of the next construction, as a share of the first one's."""
         finer = FINER * self._finer
         if self._spent > 0:
             left = max(self._task.settings.constructing - progress, 1e-9)
             finer = max(finer, self._finer * (self._spent / left) ** (1 / COST))
-        return max(finer, FINEST)
+        side = cell_side(problem, self._task)
+        least = least_side(problem, FINEST * side) / side
+        return max(STEP ** math.floor(math.log(finer, STEP)), least)
 
     def _begun(self, problem: Problem, best: Solution) -> CellSeparation:
         return CellSeparation(self._task, best, self._side, self._more)
@@ -121,8 +129,8 @@ class CellStripSearch(NestSearch):
         self._failures += 1
         if self._failures == self._task.settings.cell_failures:
             self._failures = 0
-            side = self._side * self._task.settings.smaller_cells
-            self._side = max(side, LEAST_SIDE * cell_side(problem, self._task))
+            least = least_side(problem, LEAST_SIDE * cell_side(problem, self._task))
+            self._side = max(self._side * self._task.settings.smaller_cells, least)
 
     def _compact(self, problem: Problem) -> None:
         """Move all items of the best strip at once, which single ones did not make lower."""

@@ -77,8 +77,11 @@ class Cells(NamedTuple):
     signs: Any
 
 
-MOST_KNOWN = 4
-"""Grids whose cells are kept: two searches need one for filling and one for separating each."""
+MOST_BYTES = 300e6
+"""Most memory of the words of a grid."""
+
+MOST_KNOWN = 2 * MOST_BYTES
+"""Most memory of the words of all grids that are kept."""
 
 _known: dict[tuple[int, float], Cells] = {}
 _lock = threading.Lock()
@@ -101,11 +104,28 @@ def cells_of(problem: Problem, side: float) -> Cells:
     key = id(corners), side
     with _lock:
         if key not in _known:
-            while len(_known) >= MOST_KNOWN:
-                del _known[next(iter(_known))]
             _known[key] = _computed(problem, side)
+            while sum(each.bits.nbytes for each in _known.values()) > MOST_KNOWN:
+                del _known[next(iter(_known))]
             weakref.finalize(corners, _known.pop, key, None)
         return _known[key]
+
+
+def least_side(problem: Problem, side: float) -> float:
+    """Return a side of cells, or a larger one with which their words take `MOST_BYTES`."""
+    while 8 * _count_words(problem, side) > MOST_BYTES:
+        side *= 1.05
+    return side
+
+
+def _count_words(problem: Problem, side: float) -> int:
+    """Return how many words all types take in all their rotations, if no body is around them."""
+    is_own = np.arange(problem.allowed.shape[1]) < problem.allowed_counts[:, None]
+    types, place = np.nonzero(is_own)
+    boxes = problem.lookup.boxes[types, problem.allowed[types, place]]
+    extents = boxes[:, 3:] - boxes[:, :3] + problem.lookup.clearance
+    x, y, z = np.ceil(extents / side).T
+    return int((x * y * np.ceil(z / WORD)).sum())
 
 
 def _computed(problem: Problem, side: float) -> Cells:
@@ -115,7 +135,7 @@ def _computed(problem: Problem, side: float) -> Cells:
     bases, axes, signs = (
         np.zeros((types, rotations, *more), np.int64) for more in ((), (3,), (3,))
     )
-    bits: list[Any] = []
+    bits = np.empty(_count_words(problem, side), np.uint64)
     cubes: list[Any] = []
     first: list[Any] = []
     start = 0
@@ -125,14 +145,17 @@ def _computed(problem: Problem, side: float) -> Cells:
             forms[t, o] = (start, shape[1], shape[0] * shape[1], len(words), *shape)
             bases[t, o] = len(cubes) + base
             axes[t, o], signs[t, o] = own_axes, own_signs
-            bits.append(words.ravel())
+            if start + words.size > len(bits):
+                more = np.empty(len(bits) + words.size, np.uint64)  # no memory until it is used
+                bits = np.concatenate((bits[:start], more))
+            bits[start : start + words.size] = words.ravel()
             start += words.size
         cubes += [each for each, _ in own_bases]
         first += [each for _, each in own_bases]
     return Cells(
         side,
         int(grow / side),
-        np.concatenate(bits),
+        bits[:start],
         forms,
         np.concatenate(cubes),
         np.concatenate(first),

@@ -142,8 +142,8 @@ class SearchSettings:
     distance_margin: float = 3.0
     surface_points: int = 128
     hollow: float = 0.6
-    finest_cells: int = 44
-    most_cells: float = 150_000
+    finest_cells: int = 66
+    most_cells: float = 500_000
     constructing: float = 0.6
     cell_samples: tuple[int, int] = (15, 15)
     cell_patience: int = 150

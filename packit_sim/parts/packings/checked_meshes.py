@@ -100,9 +100,10 @@ class UnitMesh:
     @cached_property
     def sampled_faces(self) -> Ints:
         """Some triangles (p, SAMPLES, 3) of each connected part, as indices of vertices."""
-        found = []
-        for triangles in by_part(np.arange(len(self.faces)), self._part):
-            found.append(triangles[np.linspace(0, len(triangles) - 1, SAMPLES).astype(int)])
+        found = [
+            triangles[np.linspace(0, len(triangles) - 1, SAMPLES).astype(int)]
+            for triangles in by_part(np.arange(len(self.faces)), self._part)
+        ]
         return np.asarray(self.faces[np.array(found)])
 
     @cached_property
