@@ -203,17 +203,17 @@ def first_fit_decreasing(items: Sequence[Item]) -> int:
     """
     boxes: list[Box] = []
     for item in sorted(items, key=lambda each: -each.volume):
-        placed = next((found for box in boxes if (found := _lowest(box, item))), None)
+        placed = next((found for box in boxes if (found := lowest_placement(box, item))), None)
         if placed is None:
             boxes.append(Box())
-            placed = _lowest(boxes[-1], item)
+            placed = lowest_placement(boxes[-1], item)
             assert placed is not None, f"{item} does not fit into an empty box"
         box, turned, location = placed
         box.place(turned, location)
     return len(boxes)
 
 
-def _lowest(box: Box, item: Item) -> tuple[Box, Item, tuple[int, int, int]] | None:
+def lowest_placement(box: Box, item: Item) -> tuple[Box, Item, tuple[int, int, int]] | None:
     """Return the lowest placement in a box, as the rotation policy `lowest` chooses it."""
     best, lowest = None, box.cells[2] + 1
     for rotation in grid_rotations.by_alignment(item.extents):

@@ -14,6 +14,7 @@ from functools import lru_cache
 from itertools import count
 
 from packit_sim.core.debugging import is_checking
+from packit_sim.core.memory import release_memory
 from packit_sim.core.parallel import Threads, Workers
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.parts.nesting.build import build
@@ -95,6 +96,7 @@ _own = threading.local()
 def _built(problems: Problems) -> tuple[Problem, bool]:
     """Compute a problem; the second value is True if it has all fields."""
     problem = problems.build()
+    release_memory()
     shares = problems.shares_fields and problem.refined
     return problem, shares and bool(add_fields(problem.lookup))
 
