@@ -44,7 +44,7 @@ cross, or one item is inside the other.
 """
 
 APART = 2.0
-"""Tolerances that items without fields keep from each other, where hundreds come into contact.
+"""Tolerances that items as cells keep from each other, where hundreds come into contact.
 
 Drawing in a hollow moves its inner surface outwards, by other lengths in a check than here: of many
 pairs that just do not cross here, some would cross there.
@@ -116,7 +116,7 @@ def build(
     is_simple = triangles <= settings.simple_triangles
     is_cheap = is_simple or fields * triangles <= settings.refined_work
     refined = fields <= settings.max_refined_fields and is_cheap
-    if not has_fields:
+    if by_cells:
         refined, clearance = False, max(clearance, APART * tolerance)
     # Types of which fields and distances are computed: all or none.
     measured = list(zip(bodies, centred, strict=True)) if has_fields else []

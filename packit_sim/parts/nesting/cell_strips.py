@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from packit_sim.geometry.arrays import Ints
@@ -12,6 +10,7 @@ from packit_sim.parts.nesting.cell_separation import CellSeparation
 from packit_sim.parts.nesting.cells import least_side
 from packit_sim.parts.nesting.compaction import compact
 from packit_sim.parts.nesting.filling import constructed, loaded
+from packit_sim.parts.nesting.finer_sides import FinerSides
 from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
@@ -25,20 +24,6 @@ SHUFFLE = 0.02
 NEAR = 0.03
 """Share of the least height by which poses may be higher for their items to settle."""
 
-FINER = 0.6
-"""Side of the cells of a further construction, as a share of those before, if there is time."""
-
-LEAST_FINER = 0.85
-"""The largest such share for which a construction is worth its time."""
-
-STEP = 0.9
-"""Such shares are powers of this, so that searches share the cells."""
-
-FINEST = 0.45
-"""Least side of the cells of a construction, as a share of the first one's."""
-
-COST = 3
-"""Power of the number of cells along a side by which the time of a construction grows."""
 
 FIRST_SIDE = 0.9
 """Side of the cells of the first separations, as a share of the first construction's."""
@@ -66,9 +51,7 @@ class CellStripSearch(NestSearch):
 
     def __init__(self, task: SearchTask, seed: int) -> None:
         super().__init__(task, seed)
-        self._finer = 1.0  # cells of the last construction, as a share of the first one's
-        self._spent = 0.0  # the share of the search that it took
-        self._is_constructed = False
+        self._sides = FinerSides(task, task.settings.constructing)
         self._side = 0.0
         self._more = 0  # cells by which a strip may be higher on the grid
         self._compacted: Poses | None = None  # the last ones of which all items moved at once
@@ -82,32 +65,19 @@ class CellStripSearch(NestSearch):
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
         """Construct on a finer grid, as often as there is time; then move all items at once."""
-        if self._is_constructed:
+        if self._sides.is_over:
             return
-        before = budget.progress
-        finer = self._next_finer(problem, before)
-        if finer > LEAST_FINER * self._finer:
-            self._is_constructed = True
+        task, before = self._task, budget.progress
+        side = self._sides.next(problem, before)
+        if side is None:
             self._compact(problem)
             return
-        self._finer = finer
-        task, boxes = self._task, boxes_of([self._task.size])
-        order, side = self._order(problem, SHUFFLE), finer * cell_side(problem, task)
+        order, boxes = self._order(problem, SHUFFLE), boxes_of([task.size])
         poses = filled_cells(problem, task, task.unplaced, boxes, order, self._rng, budget, side)
         if poses.inside.all():
             self._offer(problem, self._solution(problem, poses))
         budget.take(task.settings.passes_at_once)
-        self._spent = budget.progress - before
-
-    def _next_finer(self, problem: Problem, progress: float) -> float:
-        """Return the cells of the next construction, as a share of the first one's."""
-        finer = FINER * self._finer
-        if self._spent > 0:
-            left = max(self._task.settings.constructing - progress, 1e-9)
-            finer = max(finer, self._finer * (self._spent / left) ** (1 / COST))
-        side = cell_side(problem, self._task)
-        least = least_side(problem, FINEST * side) / side
-        return max(STEP ** math.floor(math.log(finer, STEP)), least)
+        self._sides.spend(budget.progress - before)
 
     def _begun(self, problem: Problem, best: Solution) -> CellSeparation:
         return CellSeparation(self._task, best, self._side, self._more)

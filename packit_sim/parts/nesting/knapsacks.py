@@ -16,6 +16,7 @@ from packit_sim.parts.nesting.filling import (
     repaired,
     with_random_poses,
 )
+from packit_sim.parts.nesting.finer_sides import FinerSides
 from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.separation import Separation
@@ -23,6 +24,13 @@ from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solu
 
 _BALANCED = 0.5
 """Probability that an attempt with a box that is off balance exchanges the places of two items."""
+
+SHUFFLE = 0.02
+"""Standard deviation of the change of ranks in a further construction, as a share of all."""
+
+CONSTRUCTING = 0.95
+"""Share of the search after which a box of many types is not constructed again: exchanges, which
+need the fields of pairs, gain next to nothing there."""
 
 _NO_EFFORT = 1e-9
 """Share of the search below which nothing was tried."""
@@ -51,6 +59,7 @@ class KnapsackSearch(NestSearch):
         self._fits = np.ones(task.count, bool)
         self._most_value = task.limits.most_value(task.values)
         self._failures = 0
+        self._sides = FinerSides(task, CONSTRUCTING)
         self._good = self._current = self._rebuilt = task.unplaced
         self._progress = 0.0  # when a box was last rebuilt
         self._gains, self._efforts = np.zeros(2), np.zeros(2)  # of exchanges, and of rebuilds
@@ -69,7 +78,7 @@ class KnapsackSearch(NestSearch):
         sizes = [self._task.size]
         poses = constructed(problem, self._task, sizes, self._rng, self._budget)
         if problem.by_cells:
-            poses = self._settled_and_filled(problem, poses)
+            poses = self._settled_and_filled(problem, poses, None, self._budget)
         poses = self._within_limits(problem, poses)
         if self._task.limits.count:  # which need not run out: then the order by volume is better
             order = self._task.order_by(self._task.volumes)
@@ -95,20 +104,23 @@ class KnapsackSearch(NestSearch):
             return poses
         return poses.changed(balance.excess(poses, self._task.values), 0)
 
-    def _settled_and_filled(self, problem: Problem, poses: Poses) -> Poses:
+    def _settled_and_filled(
+        self, problem: Problem, poses: Poses, side: float | None, budget: SearchBudget | None
+    ) -> Poses:
         """Let items settle, which leaves space above them, and fill it, while that gains value."""
-        value = -1.0
-        while self._value(poses) > value:
+        task, value = self._task, -1.0
+        while self._value(poses) > value and not (budget is not None and budget.is_late):
             value = self._value(poses)
-            state = loaded(problem, self._task, poses, self._boxes)
-            settle_all(problem, self._task, state, self._rng, self._budget)
-            order = self._task.order
-            poses = filled_cells(
-                problem, self._task, Poses.of(state), self._boxes, order, self._rng, self._budget
-            )
+            state = loaded(problem, task, poses, self._boxes)
+            settle_all(problem, task, state, self._rng, budget)
+            given = Poses.of(state), self._boxes, task.order
+            poses = filled_cells(problem, task, *given, self._rng, budget, side)
         return poses
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
+        if problem.by_cells and not self._sides.is_over:
+            self._construct_finer(problem, budget)
+            return
         self._count_effort(0, budget)
         most = self._rebuilt_share * self._efforts[0]
         while self._efforts[1] < most and not self._is_over(budget):
@@ -117,6 +129,24 @@ class KnapsackSearch(NestSearch):
                 if self._is_over(budget):  # one may take a second
                     break
             self._count_effort(1, budget)
+
+    def _construct_finer(self, problem: Problem, budget: SearchBudget) -> None:
+        """Construct on a finer grid, in another order."""
+        task, before = self._task, budget.progress
+        side = self._sides.next(problem, before)
+        if side is None:
+            return
+        ranks = np.arange(task.count) + self._choices.normal(0, SHUFFLE * task.count, task.count)
+        order = task.order[ranks.argsort(kind="stable")]
+        given = task.unplaced, self._boxes, order
+        poses = filled_cells(problem, task, *given, self._rng, budget, side)
+        poses = self._settled_and_filled(problem, poses, side, budget)
+        solution = self._solution(self._within_limits(problem, poses))
+        if self.best is not None and solution.score < self.best.score:
+            self._good = self._current = self._rebuilt = solution.poses
+        self._offer(problem, solution)
+        budget.take(task.settings.passes_at_once)
+        self._sides.spend(budget.progress - before)
 
     def _count_effort(self, kind: int, budget: SearchBudget) -> None:
         """Count the share of the search since the last call for exchanges (0) or rebuilds (1)."""
