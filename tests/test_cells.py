@@ -12,7 +12,9 @@ from trimesh import creation
 
 from packit_sim import BoxContainer, ItemType, NestSettings, nest
 from packit_sim.parts.nesting import cells as cells_module
+from packit_sim.parts.nesting import knapsacks
 from packit_sim.parts.nesting.build import build, count_fields
+from packit_sim.parts.nesting.cell_filling import filled_cells
 from packit_sim.parts.nesting.cell_separation_kernels import CellState, put_on_grid
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.cells import Cells, Space, cells_of, least_side
@@ -254,13 +256,26 @@ def test_strips_of_many_types_are_valid_complete_and_improve(clearance: float) -
     assert again.height == packing.height
 
 
-def test_a_knapsack_of_many_types_is_valid_and_settles() -> None:
+def test_a_knapsack_of_many_types_is_valid_and_leaves_out_what_does_not_fit() -> None:
     types = shapes(36)
     settings = NestSettings(workers=1, iterations=1, search=BY_CELLS)
     packing = nest(types, (5, 5, 4), "knapsack", settings=settings)
-    assert packing.problems() == [] and any(packing.left_out)
-    unsettled = replace(settings, search=replace(BY_CELLS, settling_steps=(1.0, 1.0)))
-    assert packing.volume > nest(types, (5, 5, 4), "knapsack", settings=unsettled).volume
+    assert packing.problems() == []
+    assert any(packing.left_out) and packing.volume > 0.4 * 100
+
+
+def test_a_search_that_is_late_does_not_fill_again_and_again(monkeypatch) -> None:
+    fills = []
+
+    def counted(*given: Any) -> Poses:
+        fills.append(given)
+        return filled_cells(*given)
+
+    monkeypatch.setattr(knapsacks, "filled_cells", counted)
+    settings = NestSettings(workers=1, search=replace(BY_CELLS, construction_seconds=0.0))
+    packing = nest(shapes(80), (5, 5, 4), "knapsack", time=0.1, settings=settings)
+    assert packing.problems() == []
+    assert len(fills) <= 1
 
 
 def test_items_as_cells_keep_clear_of_obstacles_and_of_a_start() -> None:

@@ -60,7 +60,8 @@ class CellStripSearch(NestSearch):
     def _constructed(self, problem: Problem) -> Solution:
         self._side = FIRST_SIDE * cell_side(problem, self._task)
         order = self._order(problem, 0.0)
-        poses = constructed(problem, self._task, [self._task.size], self._rng, order=order)
+        given = problem, self._task, [self._task.size], self._rng, self._budget, order
+        poses = constructed(*given, is_complete=True)
         return self._solution(problem, poses)
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.parts.nesting.cell_filling import filled_cells
+from packit_sim.parts.nesting.cell_filling import first_filled_cells
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.construction_kernels import construct
 from packit_sim.parts.nesting.pose_kernels import take_out
@@ -40,6 +40,7 @@ def constructed(
     rng: npt.NDArray[np.uint64],
     budget: SearchBudget | None = None,
     order: Ints | None = None,
+    is_complete: bool = False,
 ) -> Poses:
     """Construct a packing, box after box, around given first poses.
 
@@ -53,6 +54,8 @@ def constructed(
         As in `filled`.
     order : ndarray of int64, optional
         The items in their order, instead of that of the task.
+    is_complete : bool
+        Whether all items are tried, also when the budget is late; only for items as cells.
 
     Returns
     -------
@@ -65,7 +68,8 @@ def constructed(
         poses = repaired(problem, task, task.start, boxes)
     order = task.order if order is None else order
     if problem.by_cells:
-        return filled_cells(problem, task, poses, boxes, order, rng, budget)
+        end = None if is_complete else budget
+        return first_filled_cells(problem, task, poses, boxes, order, rng, budget, end)
     return filled(problem, task, poses, boxes, order, rng, budget)
 
 

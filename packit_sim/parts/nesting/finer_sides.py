@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from packit_sim.parts.nesting.cell_filling import cell_side
+from packit_sim.parts.nesting.cell_filling import COST, cell_side
 from packit_sim.parts.nesting.cells import least_side
 from packit_sim.parts.nesting.problem import Problem
 from packit_sim.parts.nesting.tasks import SearchTask
@@ -24,9 +24,6 @@ STEP = 0.9
 
 FINEST = 0.45
 """Least side of the cells of a construction, as a share of the first one's."""
-
-COST = 3
-"""Power of the number of cells along a side by which the time of a construction grows."""
 
 
 class FinerSides:

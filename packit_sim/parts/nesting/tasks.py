@@ -81,6 +81,11 @@ class SearchBudget:
         return self._is_stopped or (self._passes is None and self._now() >= self._latest)
 
     @property
+    def seconds_left(self) -> float:
+        """Seconds until it is late; infinite with a limit of passes."""
+        return max(0.0, self._latest - self._now()) if self._passes is None else math.inf
+
+    @property
     def _is_stopped(self) -> bool:
         return self._stop is not None and self._stop.is_set()
 

@@ -421,9 +421,15 @@ def _between(
 def _is_inside(own: _Placed, around: _Placed) -> bool:
     """Return whether a connected part of a surface is inside a closed one; they don't cross."""
     triangles = np.asarray(around.original.mesh.triangles)
+    low, high = around.original.mesh.bounds
     for samples in own.original.samples:
         points = own.box_from_item.seen_from(around.box_from_item).apply(samples)
-        if np.median(np.abs(winding_numbers(triangles, points))) > 0.5:
+        within = ((low < points) & (points < high)).all(axis=1)  # no surface winds around others
+        if 2 * np.count_nonzero(within) < len(points):
+            continue
+        winds = np.zeros(len(points))
+        winds[within] = np.abs(winding_numbers(triangles, points[within]))
+        if np.median(winds) > 0.5:
             return True
     return False
 
