@@ -76,8 +76,10 @@ class PackView:
     def box(self, step: int) -> Box:
         """Return the box after a number of items were placed, all of which must be on the grid."""
         placed = tuple(one for one in self.placed[:step] if isinstance(one, PlacedItem))
-        box = self.rules.changed(physics=None, robot=None).new_box(self.cells)
-        assert isinstance(box, Box)  # without physics
+        rules = self.rules
+        box = Box(
+            self.cells, kinematic=rules.kinematic, support=rules.support, boxes=rules.boxes
+        )
         box.restore(BoxState(self.cells, placed))
         return box
 
