@@ -77,9 +77,7 @@ class PackView:
         """Return the box after a number of items were placed, all of which must be on the grid."""
         placed = tuple(one for one in self.placed[:step] if isinstance(one, PlacedItem))
         rules = self.rules
-        box = Box(
-            self.cells, kinematic=rules.kinematic, support=rules.support, boxes=rules.boxes
-        )
+        box = Box(self.cells, kinematic=rules.kinematic, support=rules.support, boxes=rules.boxes)
         box.restore(BoxState(self.cells, placed))
         return box
 
