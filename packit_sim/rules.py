@@ -273,7 +273,8 @@ class Rules:
         Returns
         -------
         BaseBox
-            A `Box` with the grid of all boxes, a `SettlingBox` if items settle, or a `RobotBox` if an arm packs it.
+            A `Box` with the grid of all boxes, a `SettlingBox` if items settle, or a `RobotBox` if
+            an arm packs it.
         """
         cells = self.grid(cells)
         if self.robot is not None:

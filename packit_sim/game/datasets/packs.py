@@ -415,8 +415,8 @@ class Pack:
         for one in (*self.items, *self.outside):
             if values and one.value != values.get(one.kind):
                 raise PackFormatError(
-                    f"field 'value' of {one.shape!r} (scale {one.scale:g}) is {one.value!r}: either "
-                    "all items have values, equal ones the same, or none has"
+                    f"field 'value' of {one.shape!r} (scale {one.scale:g}) is {one.value!r}: "
+                    "either all items have values, equal ones the same, or none has"
                 )
 
 

@@ -143,8 +143,8 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
     -----
     The reward is the placed volume over the volume of the task's items; with physics it is the
     change of the volume that is inside and stable, which may be negative, and "density" and
-    "placed_volume" are about that volume. `Rules(values=True)` counts values instead of volumes, and
-    adds "values" to the observation. `info` has "task" (its number, -1 for one made on the
+    "placed_volume" are about that volume. `Rules(values=True)` counts values instead of volumes,
+    and adds "values" to the observation. `info` has "task" (its number, -1 for one made on the
     fly), "action_mask" (int8, as `action_space.sample` takes it), "density" of the box,
     "placed_volume", "mesh_comparisons" that this environment made since its last reset, and "end":
     why the episode is over, "" before that. With a robot also "outcome": what became of the last
