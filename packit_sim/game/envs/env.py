@@ -23,10 +23,9 @@ from packit_sim.core.checks import check_keywords, one_of
 from packit_sim.core.counters import ComparisonCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.core.plain_text import plain_logger
-from packit_sim.core.sums import plain_sum
 from packit_sim.game.datasets.builtin import STARTER_PACKS
 from packit_sim.game.datasets.packs import Task
-from packit_sim.game.envs.observations import OBSERVERS, Observation
+from packit_sim.game.envs.observations import OBSERVERS, Observation, value_shares, with_values
 from packit_sim.game.envs.pictures import Pictured
 from packit_sim.game.envs.specs import WritableSpec
 from packit_sim.game.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
@@ -213,8 +212,7 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
         self.action_space = spaces.Discrete(actions)
         self.observation_space = self.observer.space
         if self.rules.values:
-            values = spaces.Box(0.0, 1.0, (max_shapes,), np.float64)
-            self.observation_space = spaces.Dict({**self.observer.space.spaces, "values": values})
+            self.observation_space = with_values(self.observer.space, max_shapes)
         self._episode: Episode | None = None
         self._number = GENERATED
         self._episodes = 0
@@ -396,7 +394,7 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
         action_mask = self.action_masks()
         observation = self.observer.observe(episode, action_mask)
         if self.rules.values:
-            observation["values"] = self._values()
+            observation["values"] = value_shares(episode, self._max_shapes)
         density = episode.box.density
         info = {
             "task": self._number,
@@ -410,14 +408,6 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
             tried = episode.box.placed
             info["outcome"] = str(tried[-1].outcome) if tried else ""
         return observation, info
-
-    def _values(self) -> npt.NDArray[np.float64]:
-        """Return each arrived item's share of the value of all, 0 for no item."""
-        shares = np.zeros(self._max_shapes)
-        values = self.episode.task.values
-        shares[: len(values)] = np.array(values) / plain_sum(values)
-        shares[self.episode.arrived :] = 0
-        return shares
 
     def _named_task(self, wanted: Task | int) -> tuple[Task, int]:
         """Return a task and its number, or raise ArgumentError if it is invalid here."""
