@@ -63,8 +63,8 @@ class Rules:
     Raises
     ------
     ArgumentError
-        If a value is not possible, two of `kinematic`, `physics` and `robot` are asked for, or
-        support or several boxes where items move.
+        If a value is not possible, two of `kinematic`, `physics` and `robot` are asked for, support
+        or several boxes where items move, or values with a robot.
 
     Examples
     --------
@@ -100,6 +100,8 @@ class Rules:
                 "a robot cell has physics of its own, and its `reachable` says whether items must "
                 "come from above: leave out kinematic and physics"
             )
+        if self.robot is not None and self.values:
+            raise ArgumentError("what an arm packs is measured by volume: leave out values")
         if self.cells is not None:
             object.__setattr__(self, "cells", box_cells(self.cells))
         if self.buffer is not None:
@@ -214,6 +216,11 @@ class Rules:
         ----------
         cells : tuple of int
             Cells of the task's box along x, y and z, which `self.cells` overrides.
+
+        Returns
+        -------
+        tuple of int
+            The same with the cells of all boxes along x.
 
         Raises
         ------

@@ -18,6 +18,7 @@ from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.episodes.episode import Episode
 from packit_sim.game.evaluation.evaluation import evaluate
 from packit_sim.game.evaluation.results import check_results, read_results
+from packit_sim.game.explorer.collection import PackCollection
 from packit_sim.geometry.shapes import Item
 from packit_sim.rules import Rules
 from tests.test_online import blockout, sequence
@@ -170,6 +171,19 @@ def test_environments_show_the_values_of_what_has_arrived() -> None:
     assert observation["values"].shape == (12,) and not observation["values"][3:].any()
     assert observation["values"][:3] == pytest.approx(np.array(values[:3]) / sum(values))
     assert "values" not in PackItEnv(tasks, observation="none").observation_space.spaces
+
+
+def test_the_explorer_shows_shares_of_the_value() -> None:
+    (rollout,) = evaluate([AGENT], [valued(3, 20)], 0, rules=VALUES)
+    view = PackCollection([rollout.pack], blockout(), [])[0]
+    shares = [view.reward(n) for n in range(len(view.items))]
+    assert sum(shares) == pytest.approx(1)
+    assert sum(shares[: len(view.placed)]) == pytest.approx(rollout.total)
+
+
+def test_values_are_not_for_a_robot() -> None:
+    with pytest.raises(ArgumentError, match="measured by volume: leave out values"):
+        VALUES.changed(robot=True)
 
 
 def test_values_of_a_pack_are_not_those_of_others() -> None:
