@@ -183,7 +183,7 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
             If it has no options for these rules.
         """
         rules = self.rules
-        if rules.changed(easy=False, kinematic=False, buffer=None, rotations="all") != PACKIT:
+        if rules.changed(cells=None, physics=None, robot=None) != rules:
             raise ArgumentError(f"`packit evaluate` has no options for the rules {rules}")
         words = ["packit", "evaluate", self.dataset]
         words += ["--split", self.split] if self.split else []
@@ -191,6 +191,9 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
         words += ["--kinematic"] if rules.kinematic else []
         words += ["--buffer", str(rules.buffer)] if rules.buffer else []
         words += ["--rotations", rules.rotations] if rules.rotations != "all" else []
+        words += ["--values"] if rules.values else []
+        words += ["--support", str(rules.support)] if rules.support else []
+        words += ["--boxes", str(rules.boxes)] if rules.boxes > 1 else []
         return shlex.join([*words, "--agent", agent, "--out", "results.jsonl"])
 
     def check(self, path: Path, rollouts: Sequence[Rollout]) -> None:

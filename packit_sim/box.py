@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Generic
 
 import numpy as np
@@ -18,7 +19,7 @@ from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.items import BoxState, ItemT, PlacedItem
-from packit_sim.geometry.lattice import BOX_CELLS, CELL, ORIGIN, Triple, box_cells, grid_nodes
+from packit_sim.geometry.lattice import BOX_CELLS, CELL, ORIGIN, STEP, Triple, box_cells, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import unpack
 from packit_sim.placement import Blockers, Mask, Occupancy, checked_location
@@ -45,6 +46,11 @@ class BaseBox(ABC, Generic[ItemT]):
     def cells(self) -> Triple:
         """The cells along x, y and z."""
         return self._occupancy.cells
+
+    @property
+    def opens_locations(self) -> bool:
+        """True if locations may become feasible because an item was placed."""
+        return True
 
     @property
     def nodes(self) -> Triple:
@@ -266,11 +272,15 @@ class Box(BaseBox[PlacedItem]):
         Cells along x, y and z, whole grid steps. A cell is 1/100 of a box unit.
     kinematic : bool, default: False
         Whether an item must come straight down from the open top (see `insertion`).
+    support : float, default: 0
+        The least share of an item's base that must rest on something (see `engine.support`).
+    boxes : int, default: 1
+        The number of equal boxes into which walls divide it along x; no item may cross a wall.
 
     Raises
     ------
     ArgumentError
-        If the cells are not possible.
+        If the cells are not possible, or can't be divided into so many boxes.
 
     Examples
     --------
@@ -291,9 +301,29 @@ class Box(BaseBox[PlacedItem]):
     2
     """
 
-    def __init__(self, cells: Sequence[int] = BOX_CELLS, *, kinematic: bool = False) -> None:
+    def __init__(
+        self,
+        cells: Sequence[int] = BOX_CELLS,
+        *,
+        kinematic: bool = False,
+        support: float = 0.0,
+        boxes: int = 1,
+    ) -> None:
         super().__init__(cells)
+        if self.nodes[0] % boxes:
+            raise ArgumentError(f"a box of {self.cells} cells can't be divided into {boxes} boxes")
         self.kinematic = kinematic
+        self.support = support
+        self.boxes = boxes
+
+    @property
+    def opens_locations(self) -> bool:
+        return self.support > 0
+
+    @property
+    def _is_plain(self) -> bool:
+        """True if an item may be wherever it is inside the box and free."""
+        return not self.kinematic and not self.support and self.boxes == 1
 
     @property
     def density(self) -> float:
@@ -302,20 +332,26 @@ class Box(BaseBox[PlacedItem]):
 
     def feasible(self, item: Item) -> Mask:
         mask = super().feasible(item)
-        return placement.insertable_mask(self.placed, item, mask) if self.kinematic else mask
+        if self.boxes > 1:
+            mask &= self._is_in_one_box(item, np.arange(self.nodes[0]))[:, None, None]
+        if self.kinematic:
+            mask = placement.insertable_mask(self.placed, item, mask)
+        if self.support:
+            mask = placement.supported_mask(self.cells, self.placed, item, mask, self.support)
+        return mask
 
     def candidates(self, item: Item) -> Mask:
-        return self.feasible(item) if self.kinematic else super().candidates(item)
+        return super().candidates(item) if self._is_plain else self.feasible(item)
 
     def blbf(self, item: Item, start: Triple = ORIGIN, layers: int | None = None) -> Triple | None:
-        if self.kinematic:
-            return placement.first(self.feasible(item)[:, :, :layers])
-        return super().blbf(item, start, layers)
+        if self._is_plain:
+            return super().blbf(item, start, layers)
+        return placement.first(self.feasible(item)[:, :, :layers])
 
     def feasible_in_any(self, item: Item) -> Mask:
-        if self.kinematic:
-            return np.logical_or.reduce(self.feasible_rotations(item))
-        return super().feasible_in_any(item)
+        if self._is_plain:
+            return super().feasible_in_any(item)
+        return np.logical_or.reduce(self.feasible_rotations(item))
 
     def why_not(self, item: Item, location: Sequence[int]) -> Blockers:
         """Find what blocks an item at a location.
@@ -330,8 +366,8 @@ class Box(BaseBox[PlacedItem]):
         Returns
         -------
         Blockers
-            The walls and the items that block it, in a kinematic box also the items above it.
-            Its truth value is False if the item is feasible there.
+            The walls and the items that block it, in a kinematic box also the items above it, and
+            whether it lacks support. Its truth value is False if the item is feasible there.
 
         Raises
         ------
@@ -403,16 +439,32 @@ class Box(BaseBox[PlacedItem]):
         """Remove all items."""
         self._occupancy.truncate(0)
 
+    def _is_in_one_box(self, item: Item, i: Any) -> Any:
+        """Return whether an item that begins at a node along x crosses no wall between boxes."""
+        nodes = self.nodes[0] // self.boxes
+        return i % nodes * STEP + item.cells[0] <= nodes * STEP
+
     def _is_feasible(self, candidate: PlacedItem) -> bool:
-        return super()._is_feasible(candidate) and (
-            not self.kinematic or placement.is_insertable(self.placed, candidate)
+        return (
+            self._is_in_one_box(candidate.item, candidate.location[0])
+            and super()._is_feasible(candidate)
+            and (not self.kinematic or placement.is_insertable(self.placed, candidate))
+            and (not self.support or self._support(candidate) >= self.support)
         )
+
+    def _support(self, candidate: PlacedItem) -> float:
+        return placement.support(self.cells, self.placed, candidate)
 
     def _blockers(self, candidate: PlacedItem) -> Blockers:
         found = placement.blockers(self._occupancy, candidate)
-        if found or not self.kinematic:
+        if not found.walls and not self._is_in_one_box(candidate.item, candidate.location[0]):
+            found = replace(found, walls=placement.WALLS[:1])
+        if found:
             return found
-        return Blockers((), (), placement.blockers_above(self.placed, candidate))
+        above = placement.blockers_above(self.placed, candidate) if self.kinematic else ()
+        if above:
+            return Blockers((), (), above)
+        return Blockers((), (), unsupported=self._support(candidate) < self.support)
 
     def _why_not(self, candidate: PlacedItem) -> str:
         item = candidate.item
@@ -427,6 +479,13 @@ class Box(BaseBox[PlacedItem]):
         blocking = ", ".join(
             f"{n} ({self.placed[n].item.shape.id!r})" for n in found.items or found.above
         )
+        if found.walls:
+            return f"{what} {where} would be in two of the {self.boxes} boxes"
         if found.items:
             return f"{what} {where} is in conflict with placed item {blocking}"
+        if found.unsupported:
+            return (
+                f"{what} {where} has a support of {self._support(candidate):.3g}, the rules want "
+                f"{self.support:g}"
+            )
         return f"{what} {where} can't come down from above: placed item {blocking} is in the way"

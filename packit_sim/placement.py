@@ -3,6 +3,7 @@
 - *Where does an item fit in a box?* `feasible` computes the exact mask over all grid nodes, `blbf`
   the bottom-left-back-fill location, and `oracle` the same mask by a plain loop over all
   locations: slow, obvious, and always equal. `Occupancy` is the state that they read.
+- *Does it rest on something?* `support` is the share of its base that does.
 - *Can it be put in, or taken out?* `insertable_mask` for straight moves down, `disassemble` and
   `insertion_routes` for several moves on the grid, `compact` and `drops` for moves off it.
 - *Meshes off the grid*: `LooseMesh` for collisions and distances, `winding_number` and
@@ -54,6 +55,7 @@ from packit_sim.engine.screening_kernels import (
     brick_state,
     state_at,
 )
+from packit_sim.engine.support import support, support_oracle, supported_mask
 from packit_sim.engine.sweeping import AxisNumber, cyclic
 from packit_sim.engine.sweeping_kernels import least_rise
 from packit_sim.geometry.items import BoxState, Contents, ItemInBox, PlacedItem, PosedItem
@@ -112,6 +114,9 @@ __all__ = [
     "oracle",
     "routed_share",
     "state_at",
+    "support",
+    "support_oracle",
+    "supported_mask",
     "triangles_cross",
     "winding_number",
 ]

@@ -9,10 +9,10 @@ from typing import Any
 
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
-from packit_sim.core.checks import as_integer, check_keywords
+from packit_sim.core.checks import Range, as_integer, check_keywords, check_range
 from packit_sim.core.choices import RotationSet
 from packit_sim.core.errors import ArgumentError
-from packit_sim.geometry.lattice import Triple, box_cells
+from packit_sim.geometry.lattice import MAX_CELLS, Triple, box_cells
 from packit_sim.geometry.rotations import COUNT
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
@@ -51,11 +51,20 @@ class Rules:
         The rotations that items may have: "all" 24, or "yaw", the four about the vertical axis.
     robot : RobotCell, optional
         The cell in which an arm packs the box, in physics; None without an arm.
+    values : bool
+        Whether the return is the packed share of the items' values instead of their volumes.
+    support : float
+        The least share of an item's base that must rest on something, from 0 to 1 (see
+        docs/concepts/rules.md).
+    boxes : int
+        The number of boxes, which stand side by side along x: the cells along x of the grid are
+        those of all of them.
 
     Raises
     ------
     ArgumentError
-        If a value is not possible, or two of `kinematic`, `physics` and `robot` are asked for.
+        If a value is not possible, two of `kinematic`, `physics` and `robot` are asked for, support
+        or several boxes where items move, or values with a robot.
 
     Examples
     --------
@@ -64,6 +73,8 @@ class Rules:
     PackIt
     >>> print(Rules(easy=True, buffer=5, rotations="yaw"))
     PackIt-Easy, online with a buffer of 5, yaw rotations
+    >>> print(Rules(values=True, support=0.6, boxes=2))
+    PackIt, values, support 0.6, 2 boxes
     >>> Rules(buffer=0)
     Traceback (most recent call last):
         ...
@@ -77,6 +88,9 @@ class Rules:
     buffer: int | None = None
     rotations: RotationSet = "all"
     robot: RobotCell | None = None
+    values: bool = False
+    support: float = 0.0
+    boxes: int = 1
 
     def __post_init__(self) -> None:
         if self.kinematic and self.physics is not None:
@@ -86,6 +100,8 @@ class Rules:
                 "a robot cell has physics of its own, and its `reachable` says whether items must "
                 "come from above: leave out kinematic and physics"
             )
+        if self.robot is not None and self.values:
+            raise ArgumentError("what an arm packs is measured by volume: leave out values")
         if self.cells is not None:
             object.__setattr__(self, "cells", box_cells(self.cells))
         if self.buffer is not None:
@@ -97,6 +113,15 @@ class Rules:
         if self.rotations not in _ROTATIONS:
             raise ArgumentError(
                 f"rotations {self.rotations!r} are not known: choose from {', '.join(_ROTATIONS)}"
+            )
+        check_range("support", self.support, Range(0, 1))
+        object.__setattr__(self, "support", float(self.support))
+        object.__setattr__(self, "boxes", as_integer("boxes", self.boxes))
+        check_range("boxes", self.boxes, Range(1))
+        if self.moves_items and (self.support or self.boxes > 1):
+            raise ArgumentError(
+                "support and several boxes need items that stay on the grid: leave out physics "
+                "and robot"
             )
 
     def __str__(self) -> str:
@@ -115,6 +140,12 @@ class Rules:
         if self.robot is not None:
             changed = _changed(asdict(self.robot), asdict(RobotCell()))
             parts.append(" ".join(["robot", *changed]))
+        if self.values:
+            parts.append("values")
+        if self.support:
+            parts.append(f"support {self.support:g}")
+        if self.boxes > 1:
+            parts.append(f"{self.boxes} boxes")
         return ", ".join(parts)
 
     def changed(self, **changes: Any) -> Rules:
@@ -178,6 +209,32 @@ class Rules:
         """The indices of the rotations that items may have."""
         return range(_ROTATIONS[self.rotations])
 
+    def grid(self, cells: Triple) -> Triple:
+        """Return the cells of the grid of all boxes.
+
+        Parameters
+        ----------
+        cells : tuple of int
+            Cells of the task's box along x, y and z, which `self.cells` overrides.
+
+        Returns
+        -------
+        tuple of int
+            The same with the cells of all boxes along x.
+
+        Raises
+        ------
+        ArgumentError
+            If so many boxes are too long together.
+        """
+        x, y, z = self.cells or cells
+        if x * self.boxes > MAX_CELLS:
+            raise ArgumentError(
+                f"{self.boxes} boxes of {x} cells along x are not possible: together they may have "
+                f"{MAX_CELLS} cells"
+            )
+        return x * self.boxes, y, z
+
     def check_items(self, cells: Triple, items: Sequence[Item]) -> None:
         """Check, before anything is simulated, that an arm can pack items.
 
@@ -223,15 +280,16 @@ class Rules:
         Returns
         -------
         BaseBox
-            A `Box`, a `SettlingBox` if items settle, or a `RobotBox` if an arm packs it.
+            A `Box` with the grid of all boxes, a `SettlingBox` if items settle, or a `RobotBox` if
+            an arm packs it.
         """
-        cells = self.cells or cells
+        cells = self.grid(cells)
         if self.robot is not None:
             from packit_sim.robot.robot_box import RobotBox  # loads PyBullet
 
             return RobotBox(cells, self.robot)
         if self.physics is None:
-            return Box(cells, kinematic=self.kinematic)
+            return Box(cells, kinematic=self.kinematic, support=self.support, boxes=self.boxes)
         from packit_sim.physics.settling_box import SettlingBox  # loads PyBullet
 
         return SettlingBox(cells, self.physics)

@@ -41,11 +41,13 @@ def made(kind, name, env, **policy):
         (A2C, "MlpPolicy", flattened, {"observation": "none"}, {"activation_fn": nn.ReLU}),
         (DQN, "MlpPolicy", flattened, {"observation": "none"}, {"net_arch": [8, 8]}),
         (MaskablePPO, "MultiInputPolicy", None, {"rotation": None, "location": None}, EXTRACTOR),
+        (DQN, "MlpPolicy", flattened, {"observation": "none", "values": True}, {"net_arch": [8]}),
     ],
-    ids=["MaskablePPO", "PPO", "A2C", "DQN", "all sub-tasks"],
+    ids=["MaskablePPO", "PPO", "A2C", "DQN", "all sub-tasks", "values"],
 )
 def test_an_agent_plays_as_the_model_does(kind, name, wrap, settings, policy, tmp_path) -> None:
-    env = gym.make("PackIt-v0", **{**SHAPES, **settings})
+    tasks = [task.valued(lambda item: 1 + item.volume) for task in load_tasks("starter")[:2]]
+    env = gym.make("PackIt-v0", **{**SHAPES, "tasks": tasks, **settings})
     env = wrap(env) if wrap else env
     model = made(kind, name, env, **policy)
     write_policy(tmp_path / "mine.safetensors", model.policy, env, {"steps": 0})

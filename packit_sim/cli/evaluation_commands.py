@@ -67,6 +67,16 @@ def evaluate_command(
     rotations: Annotated[
         RotationSet, typer.Option(help="Rotations that items may have: 24, or four about z.")
     ] = "all",
+    values: Annotated[
+        bool, typer.Option("--values", help="Count the values of the items, not their volumes.")
+    ] = False,
+    support: Annotated[
+        float,
+        typer.Option(
+            min=0, max=1, metavar="SHARE", help="Least share of an item's base that must rest."
+        ),
+    ] = 0.0,
+    boxes: Annotated[int, typer.Option(min=1, help="Pack each task into N equal boxes.")] = 1,
     tasks: Annotated[int | None, typer.Option(min=1, help="Play only the first N tasks.")] = None,
     out: Annotated[
         Path | None,
@@ -99,7 +109,16 @@ def evaluate_command(
     if scores or physics:
         convex.require(settings)
     world = PhysicsSettings(decomposition=settings) if physics else None
-    rules = packit_sim.Rules(easy, kinematic, world, buffer=buffer, rotations=rotations)
+    rules = packit_sim.Rules(
+        easy,
+        kinematic,
+        world,
+        buffer=buffer,
+        rotations=rotations,
+        values=values,
+        support=support,
+        boxes=boxes,
+    )
     agents = [
         packit_sim.Agent.from_name(name) for name in dict.fromkeys(agent or evaluations.HEURISTICS)
     ]

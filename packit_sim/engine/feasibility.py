@@ -268,14 +268,17 @@ class Blockers:
     above : tuple of int, default: ()
         Numbers of the placed items that it can't pass on its way down from the open top. Empty if
         there are other blockers.
+    unsupported : bool, default: False
+        Whether nothing else blocks it, but too little of its base rests on something.
     """
 
     walls: tuple[str, ...]
     items: tuple[int, ...]
     above: tuple[int, ...] = ()
+    unsupported: bool = False
 
     def __bool__(self) -> bool:
-        return bool(self.walls or self.items or self.above)
+        return bool(self.walls or self.items or self.above or self.unsupported)
 
 
 def blockers(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> Blockers:

@@ -37,7 +37,12 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replacing
 from packit_sim.game.envs.env import PackItEnv
-from packit_sim.game.envs.observations import OBSERVERS, Observation
+from packit_sim.game.envs.observations import (
+    OBSERVERS,
+    Observation,
+    value_shares,
+    with_values,
+)
 from packit_sim.game.envs.wrappers import MAX_FLAT
 from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.geometry.lattice import Triple, box_cells
@@ -74,6 +79,8 @@ class PolicyRecord(Struct, frozen=True, forbid_unknown_fields=True):
         Whether it observes the action mask, and one vector instead of a dict.
     layers : list or dict
         The widths of its layers (`net_arch`).
+    valued : bool
+        Whether it observes the values of the items.
     provenance : dict
         The record of its training.
     """
@@ -91,6 +98,7 @@ class PolicyRecord(Struct, frozen=True, forbid_unknown_fields=True):
     activation: str
     extractor: str
     extractor_settings: dict[str, _Width]
+    valued: bool = False
     provenance: dict[str, Any] = {}
 
 
@@ -143,6 +151,7 @@ def write_policy(
         masked=isinstance(env.observation_space, spaces.Dict)
         and "action_mask" in env.observation_space.spaces,
         flat=not isinstance(env.observation_space, spaces.Dict),
+        valued=bare.rules.values,
         layers=settings["net_arch"],
         activation=_name(_ACTIVATIONS, settings["activation_fn"], "activations"),
         extractor=_name(_EXTRACTORS, settings["features_extractor_class"], "extractors"),
@@ -208,7 +217,8 @@ class Sb3Network:
             box_cells(record.cells), record.max_shapes, record.actions, stages
         )
         self._observer = observer
-        fields = dict(observer.space.spaces)
+        seen = observer.space
+        fields = dict((with_values(seen, record.max_shapes) if record.valued else seen).spaces)
         if record.flat or not record.masked:
             del fields["action_mask"]
         self._fields = spaces.Dict(fields)
@@ -242,10 +252,15 @@ class Sb3Network:
                 f"the policy plays in boxes of {record.cells} cells with at most "
                 f"{record.max_shapes} items, not {episode.box.cells} with {count}"
             )
+        if record.valued and not episode.task.values:
+            raise WeightsError("the policy observes values, which the items of the task don't have")
         valid = np.zeros(record.actions, dtype=bool)
         mask = episode.action_mask()
         valid[: len(mask)] = mask
-        observation = self._seen(self._observer.observe(episode, valid))
+        observed = self._observer.observe(episode, valid)
+        if record.valued:
+            observed["values"] = value_shares(episode, record.max_shapes)
+        observation = self._seen(observed)
         with torch.inference_mode():
             batch, _ = self.policy.obs_to_tensor(observation)
             if isinstance(self.policy, DQNPolicy):

@@ -154,6 +154,8 @@ class _Known:
         """Compute the space of the present state from that of an earlier one."""
         while self._spaces and placed[: len(self._spaces[-1][0])] != self._spaces[-1][0]:
             self._spaces.pop()
+        if episode.rules.support:  # what the last items support was removed from the space before
+            self._spaces.clear()
         if not self._spaces:
             allowed = tuple(episode.rules.allowed_rotations)
             self._spaces.append(

@@ -72,7 +72,7 @@ class RuinAndRecreate:
         UnknownPolicyError
             If the agent does not choose placements.
         ArgumentError
-            If the episode is played with physics, or its box is not empty.
+            If the episode is played with physics or for values.
         """
         policy = agent.policy(Stage.SHAPE)
         if not isinstance(policy, PlacementPolicy):
@@ -82,6 +82,8 @@ class RuinAndRecreate:
             )
         if episode.rules.moves_items:
             raise ArgumentError("ruin and recreate needs items that stay on the grid: no physics")
+        if episode.rules.values:
+            raise ArgumentError("ruin and recreate packs as much volume as it can: no values")
         clock = self.budget.start()
         items = [episode.task.items[n] for n in np.flatnonzero(episode.outside).tolist()]
         box = episode.rules.new_box(episode.task.cells)

@@ -112,6 +112,8 @@ class ScoredLayout:
             placed = found.placed(chosen)
             self._box.put(placed.item, placed.location)
             self.placed.append((int(found.items[chosen]), placed))
+            if self._box.opens_locations:
+                self._space = self._empty.copy()
             self._check()
         return chosen
 

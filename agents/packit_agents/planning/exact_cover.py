@@ -121,10 +121,11 @@ class ExactCover:
     def __call__(
         self, agent: Agent, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
     ) -> None:
-        if episode.rules.kinematic or episode.rules.moves_items:
-            raise ArgumentError(f"exact cover can't play by the rules {episode.rules}")
+        rules = episode.rules
+        if rules.kinematic or rules.moves_items or rules.support or rules.boxes > 1:
+            raise ArgumentError(f"exact cover can't play by the rules {rules}")
         items, cells = episode.task.items, episode.box.cells
-        found = exact_cover(items, cells, self.seconds, int(rng.integers(2**31)), episode.rules)
+        found = exact_cover(items, cells, self.seconds, int(rng.integers(2**31)), rules)
         if found.outcome is not Outcome.FILLED:
             fill_up(agent, episode, rng)
         for placed in found.placed:

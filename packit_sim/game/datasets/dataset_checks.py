@@ -50,7 +50,12 @@ from packit_sim.game.datasets.provenance import (
     Provenance,
     Puzzle,
 )
-from packit_sim.game.datasets.result_checks import insertion_problems, result_problems, task_of
+from packit_sim.game.datasets.result_checks import (
+    insertion_problems,
+    placement_problems,
+    result_problems,
+    task_of,
+)
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.geometry.shapes import Shape
@@ -99,8 +104,9 @@ def verify_dataset(
       the volume, as its settings say.
     - The volumes that a stored library records are those of its meshes.
     - Results: the box is that of the task or of the rules, the return and the end follow from the
-      items and the task, and with the kinematic rule each item can come straight down from the open
-      top. Agents do not play again.
+      items and the task; with the kinematic rule each item can come straight down from the open
+      top, with the rule of support it rests on enough, and none is in two of several boxes. Agents
+      do not play again.
     - Results of an arm: the return, the measures and the final poses follow from the recorded
       trajectory.
     - Evolved packs: each item is at its bottom-left-back-fill location, the first feasible one
@@ -205,8 +211,10 @@ class _DatasetCheck:
             yield from order_problems(pack.cells, on_grid)
         if played is not None:
             yield from self._own_problems(pack, played)
-        if puzzle is not None or (played is not None and played.rules.kinematic):
+        if puzzle is not None:
             yield from insertion_problems(on_grid)
+        if played is not None:
+            yield from placement_problems(played.rules, pack.cells, on_grid)
 
     def _own_problems(self, pack: Pack, played: Played) -> Iterator[str]:
         self.unjudged_returns += task_of(pack, played) is None

@@ -5,16 +5,17 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, structs
 
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
+from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
@@ -44,6 +45,14 @@ MAX_SCALE = (MAX_CELLS / CELLS_PER_UNIT) ** 3 * 3**1.5
 """The largest possible scale: a shape's longest extent is at least 1 / sqrt(3)."""
 
 Scale = Annotated[float, Meta(gt=0, le=MAX_SCALE)]
+
+Value = Annotated[float, Meta(gt=0)]
+
+Kind = tuple[str, float]
+"""The shape and the scale of an item."""
+
+Fact = Kind | tuple[str, float, float]
+"""The same, with the value of an item that has one."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +101,11 @@ class PoseRecord(Struct, frozen=True):
     wxyz: Quaternion
 
 
-class ItemRecord(Struct, frozen=True):
+class _Valued(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    value: Value | None = None
+
+
+class ItemRecord(_Valued, frozen=True):
     """One item of a task that is not in the box.
 
     Attributes
@@ -101,13 +114,26 @@ class ItemRecord(Struct, frozen=True):
         The id of its shape.
     scale : float
         Its scale, a ratio of volumes.
+    value : float, optional
+        Its value, by which `Rules(values=True)` counts it. Either all items of a task have values,
+        equal ones the same, or none has.
     """
 
     shape: str
     scale: Scale
 
+    @property
+    def kind(self) -> Kind:
+        """Its shape and its scale, which equal items share."""
+        return self.shape, self.scale
 
-class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
+    @property
+    def facts(self) -> Fact:
+        """What identifies it in the digest of its task: shape, scale, and value if it has one."""
+        return self.kind if self.value is None else (*self.kind, self.value)
+
+
+class PackedItem(ItemRecord, frozen=True):
     """One item of a pack: on the grid at a location, or off the grid with a pose.
 
     Attributes
@@ -221,6 +247,18 @@ class Pack:
     def is_on_grid(self) -> bool:
         """True if all items have a location on the grid."""
         return all(item.location is not None for item in self.items)
+
+    @cached_property
+    def values(self) -> Mapping[Kind, float]:
+        """The values of its items, in the box and outside, by shape and scale; empty without."""
+        records = (*self.items, *self.outside)
+        return {one.kind: one.value for one in records if one.value is not None}
+
+    def valued(self, values: Mapping[Kind, float]) -> Pack:
+        """Return the pack with other values of its items, by shape and scale; empty for none."""
+        items = (structs.replace(one, value=values.get(one.kind)) for one in self.items)
+        outside = (structs.replace(one, value=values.get(one.kind)) for one in self.outside)
+        return dataclasses.replace(self, items=tuple(items), outside=tuple(outside))
 
     @property
     def counted_volume(self) -> float:
@@ -373,6 +411,13 @@ class Pack:
         except ValueError as error:
             field = "cells" if n is None else f"items[{n}].location"
             raise PackFormatError(f"field {field!r}: {error}") from None
+        values = self.values
+        for one in (*self.items, *self.outside):
+            if values and one.value != values.get(one.kind):
+                raise PackFormatError(
+                    f"field 'value' of {one.shape!r} (scale {one.scale:g}) is {one.value!r}: "
+                    "either all items have values, equal ones the same, or none has"
+                )
 
 
 @dataclass(frozen=True)
@@ -487,13 +532,60 @@ class Task:
         """The total volume of the items, in box units cubed."""
         return plain_sum(item.volume for item in self.items)
 
+    @cached_property
+    def values(self) -> tuple[float, ...]:
+        """The value of each item; empty if they have none."""
+        by_kind = self.pack.values
+        return tuple(by_kind[i.shape.id, i.scale] for i in self.items) if by_kind else ()
+
+    def valued(self, value: Callable[[Item], float]) -> Task:
+        """Return the task with other values of its items, which `Rules(values=True)` counts.
+
+        Parameters
+        ----------
+        value : callable
+            The value of an item, above 0; called once for equal items.
+
+        Returns
+        -------
+        Task
+            The task, another one by its digest.
+
+        Raises
+        ------
+        ArgumentError
+            If a value is not possible, or the task has other items than its pack.
+
+        Examples
+        --------
+        >>> from packit_sim import Rules, evaluate, load_tasks
+        >>> task = load_tasks("starter")[0].valued(lambda item: 5 if item.volume < 0.01 else 1)
+        >>> sum(task.values)
+        83.0
+        >>> (rollout,) = evaluate(
+        ...     ["largest-first/aligned/blbf"], [task], seed=0, rules=Rules(values=True)
+        ... )
+        >>> round(rollout.total, 3)
+        0.506
+        """
+        kinds = {(item.shape.id, item.scale): item for item in self.items}
+        if {one.kind for one in (*self.pack.items, *self.pack.outside)} != kinds.keys():
+            raise ArgumentError("the task has other items than its pack: values are stored there")
+        values = {kind: value(item) for kind, item in kinds.items()}
+        for (shape, _), each in values.items():
+            check_range(f"value of {shape!r}", each, POSITIVE)
+        pack = self.pack.valued({kind: float(each) for kind, each in values.items()})
+        return dataclasses.replace(self, pack=pack)
+
     @property
     def digest(self) -> str:
         """A digest of the library, the box's cells and the items, which identifies the task.
 
         It does not depend on the order of the items.
         """
-        items = sorted((item.shape.id, item.scale) for item in self.items)
+        values = self.pack.values
+        kinds = [(item.shape.id, item.scale) for item in self.items]
+        items = sorted((*kind, values[kind]) if values else kind for kind in kinds)
         return task_digest(self.pack.library.digest, self.cells, items)
 
     @cached_property
@@ -511,7 +603,7 @@ class Task:
         return dataclasses.replace(self, items=items, solution=steps)
 
 
-def task_digest(library: str, cells: Triple, items: Sequence[tuple[str, float]]) -> str:
+def task_digest(library: str, cells: Triple, items: Sequence[Fact]) -> str:
     """Compute the digest of a task.
 
     Parameters
@@ -521,7 +613,7 @@ def task_digest(library: str, cells: Triple, items: Sequence[tuple[str, float]])
     cells : tuple of int
         The box's cells along x, y and z.
     items : sequence of tuple
-        The shape and scale of each item, sorted.
+        The shape and scale of each item, and its value if items have values; sorted.
 
     Returns
     -------

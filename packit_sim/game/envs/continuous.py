@@ -17,7 +17,7 @@ from packit_sim.core.checks import one_of
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.game.datasets.builtin import STARTER_PACKS
 from packit_sim.game.datasets.packs import Task
-from packit_sim.game.envs.env import MAX_SHAPES, check_task, wanted_task
+from packit_sim.game.envs.env import MAX_SHAPES, check_size, wanted_task
 from packit_sim.game.envs.observations import OBSERVERS, Observation
 from packit_sim.game.envs.pictures import Pictured
 from packit_sim.game.envs.specs import WritableSpec
@@ -230,4 +230,4 @@ class PackItContinuousEnv(Pictured, WritableSpec, gym.Env[Observation, Any]):
 
     def _check(self, task: Task) -> None:
         """Raise ArgumentError if a task does not fit this environment."""
-        check_task(task, self.cells, self._max_shapes)
+        check_size(task, self.cells, self._max_shapes)

@@ -25,11 +25,18 @@ from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.game.datasets.builtin import STARTER_PACKS
 from packit_sim.game.datasets.packs import Task
-from packit_sim.game.envs.observations import OBSERVERS, Observation
+from packit_sim.game.envs.observations import OBSERVERS, Observation, value_shares, with_values
 from packit_sim.game.envs.pictures import Pictured
 from packit_sim.game.envs.specs import WritableSpec
 from packit_sim.game.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
-from packit_sim.game.episodes.episode import Episode, EpisodeState, Stage, ordered, stages
+from packit_sim.game.episodes.episode import (
+    Episode,
+    EpisodeState,
+    Stage,
+    check_task,
+    ordered,
+    stages,
+)
 from packit_sim.game.episodes.policies import Policy
 from packit_sim.game.episodes.policy_registry import load_policy
 from packit_sim.geometry import rotations
@@ -118,7 +125,7 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
     rules : Rules
         The rules that are played.
     cells : tuple of int
-        Cells of the box along x, y and z.
+        Cells of the box along x, y and z, with several boxes those of all of them.
     plays : tuple of Stage
         The sub-tasks in which the agent chooses.
     observer : Observer
@@ -135,7 +142,8 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
     -----
     The reward is the placed volume over the volume of the task's items; with physics it is the
     change of the volume that is inside and stable, which may be negative, and "density" and
-    "placed_volume" are about that volume. `info` has "task" (its number, -1 for one made on the
+    "placed_volume" are about that volume. `Rules(values=True)` counts values instead of volumes,
+    and adds "values" to the observation. `info` has "task" (its number, -1 for one made on the
     fly), "action_mask" (int8, as `action_space.sample` takes it), "density" of the box,
     "placed_volume", "mesh_comparisons" that this environment made since its last reset, and "end":
     why the episode is over, "" before that. With a robot also "outcome": what became of the last
@@ -181,7 +189,8 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
         rules = Rules.from_json(rules) if isinstance(rules, Mapping) else rules
         self.rules = rules.changed(**changes)
         self._source = TaskSource(tasks, library, split, order, self.rules.cells)
-        self.cells = self.rules.cells or self._source.cells
+        self._own_cells = self.rules.cells or self._source.cells
+        self.cells = self.rules.grid(self._own_cells)
         self._max_shapes = max_shapes
         self._fixed = {
             stage: load_policy(stage, policy) if isinstance(policy, str) else policy
@@ -202,6 +211,8 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
         )
         self.action_space = spaces.Discrete(actions)
         self.observation_space = self.observer.space
+        if self.rules.values:
+            self.observation_space = with_values(self.observer.space, max_shapes)
         self._episode: Episode | None = None
         self._number = GENERATED
         self._episodes = 0
@@ -286,7 +297,7 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
         observation : dict
             See `observations`.
         reward : float
-            The volume that was placed, as a share of the task's.
+            The volume, or the value, that was placed, as a share of the task's.
         terminated : bool
             Whether the episode is over.
         truncated : bool
@@ -382,6 +393,8 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
         episode = self.episode
         action_mask = self.action_masks()
         observation = self.observer.observe(episode, action_mask)
+        if self.rules.values:
+            observation["values"] = value_shares(episode, self._max_shapes)
         density = episode.box.density
         info = {
             "task": self._number,
@@ -404,14 +417,16 @@ class PackItEnv(Pictured, WritableSpec, gym.Env[Observation, np.int64]):
 
     def _check(self, task: Task) -> None:
         """Raise ArgumentError if a task does not fit this environment."""
-        if self.rules.cells is None and task.cells != self.cells:
+        if self.rules.cells is None and task.cells != self._own_cells:
             raise ArgumentError(
-                f"a task's box has {task.cells} cells, not {self.cells}: give `cells` to say which"
+                f"a task's box has {task.cells} cells, not {self._own_cells}: give `cells` to say "
+                "which"
             )
-        check_task(task, self.cells, self._max_shapes)
+        check_size(task, self._own_cells, self._max_shapes)
+        check_task(task, self.rules)
 
 
-def check_task(task: Task, cells: Triple, max_shapes: int) -> None:
+def check_size(task: Task, cells: Triple, max_shapes: int) -> None:
     """Raise ArgumentError if a task has too many items, or one that no box of the cells holds."""
     if len(task.items) > max_shapes:
         raise ArgumentError(f"a task has {len(task.items)} items: max_shapes is only {max_shapes}")

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from packit_sim.box import BaseBox
+from packit_sim.core.sums import plain_sum
 from packit_sim.game.envs.features import CubeMeans, Means
 from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.geometry import rotations
@@ -363,6 +364,20 @@ OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = 
     "none": Observer,
 }
 """The choices of the environment's setting `observation`."""
+
+
+def with_values(space: spaces.Dict, max_shapes: int) -> spaces.Dict:
+    """Add the field "values" to an observation space, for rules that count values."""
+    shares = spaces.Box(0.0, 1.0, (max_shapes,), np.float64)
+    return spaces.Dict({**space.spaces, "values": shares})
+
+
+def value_shares(episode: Episode, max_shapes: int) -> npt.NDArray[np.float64]:
+    """Compute the field "values": each arrived shape's share of the value of all, 0 for none."""
+    shares = np.zeros(max_shapes)
+    values = episode.task.values
+    shares[: len(values)] = np.array(values) / plain_sum(values)
+    return _arrived(episode, shares)
 
 
 def _arrived(episode: Episode, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, SupportsIndex
 
@@ -60,6 +61,16 @@ def stages(rules: Rules) -> tuple[Stage, ...]:
 def ordered(task: Task, rules: Rules) -> Task:
     """Return a task with its items in the order of an episode: online in that of their arrival."""
     return task if rules.buffer is None else task.arriving
+
+
+def check_task(task: Task, rules: Rules) -> None:
+    """Raise ArgumentError, before anything is played, if a task can't be played by some rules."""
+    rules.check_items(task.cells, task.items)
+    if rules.values and not task.values:
+        raise ArgumentError(
+            f"the items of task {task.digest} have no values, which the rules {rules} count: "
+            "`Task.valued` gives them values"
+        )
 
 
 @dataclass(frozen=True)
@@ -149,10 +160,10 @@ class Episode:
     """
 
     def __init__(self, task: Task, rules: Rules = PACKIT) -> None:
+        check_task(task, rules)
         self.task = ordered(task, rules)
         self.rules = rules
         self.box = rules.new_box(task.cells)
-        rules.check_items(task.cells, task.items)
         self.outside: npt.NDArray[np.bool_] = np.ones(len(task.items), dtype=bool)
         self.stage = Stage.SHAPE
         self.shape: int | None = None
@@ -264,7 +275,8 @@ class Episode:
 
         The item gets the aligned rotation and the bottom-left-back-fill location; in PackIt-Easy
         and online the first rotation that fits, in the order of alignment. While items are only
-        added to the box, an earlier answer is reused if it is still feasible.
+        added to the box, an earlier answer is reused if it is still feasible, unless the rules want
+        support, which other items may give.
 
         Parameters
         ----------
@@ -276,13 +288,14 @@ class Episode:
         PlacedItem or None
             The item where it would be placed; None if it does not fit.
         """
-        placed = tuple(self.box.placed)
-        if placed[: len(self._placements_among)] != self._placements_among:
+        placed, among = tuple(self.box.placed), self._placements_among
+        is_only_more = placed[: len(among)] == among and not self.rules.support
+        if placed != among and not is_only_more:
             self._placements.clear()
         self._placements_among = placed
         if shape in self._placements:
-            among, found = self._placements[shape]
-            if found is None or among == len(placed):
+            count, found = self._placements[shape]
+            if found is None or count == len(placed):
                 return found
             if self.box.is_feasible(found.item, found.location):
                 assert not is_checking() or found == self._find_placement(self.task.items[shape])
@@ -409,24 +422,35 @@ class Episode:
         """Place the chosen item and return the reward."""
         assert self.shape is not None and self.rotation is not None and self.location is not None
         item = self.task.items[self.shape].turned(self.rotation)
-        count = len(self.box.placed)
+        count, before = len(self.box.placed), self._value_of(self.box.placed)
         try:
             gained = self.box.put(item, self.location)
         except InfeasibleError:
             self.end = End.INVALID_ACTION
             return 0.0
         reward = gained / self.task.volume
+        if self.rules.values:
+            gained = self._value_of(self.box.placed) - before
+            reward = gained / plain_sum(self.task.values)
         self.total += reward
         self.outside[self.shape] = False
         self.shape = self.rotation = self.location = self.chosen_item = None
         self.stage = Stage.SHAPE
-        if self.rules.moves_items:  # so that others may fit again
+        if self.box.opens_locations:
             self._fitting.clear()
         if is_checking():
             assert len(self.box.placed) == count + 1
             self._assert_same_as_box()
         self._find_end()
         return reward
+
+    def _value_of(self, placed: Iterable[ItemInBox]) -> float:
+        """Add up the values of the items that count; 0 if the rules don't count values."""
+        if not self.rules.values:
+            return 0.0
+        values = self.task.pack.values
+        items = (one.item for one in placed if one.counts)
+        return plain_sum(values[item.shape.id, item.scale] for item in items)
 
     def _assert_same_as_box(self) -> None:
         """Compare what is outside, and the rewards, with the last items of the box."""
@@ -437,5 +461,10 @@ class Episode:
         assert sorted(p.item.turned(0).key for p in own) == sorted(i.turned(0).key for i in inside)
         if given and self.rules.moves_items:
             return  # items that were there before may have stopped counting
+        if self.rules.values:
+            total = plain_sum(self.task.values)
+            own_value = self._value_of(own)
+            assert math.isclose(self.total * total, own_value, rel_tol=1e-9, abs_tol=1e-12)
+            return
         gained = plain_sum(placed.item.volume for placed in own if placed.counts)
         assert math.isclose(self.total * self.task.volume, gained, rel_tol=1e-9, abs_tol=1e-12)

@@ -22,7 +22,7 @@ from packit_sim.game.datasets.packs import Task
 from packit_sim.game.datasets.provenance import RETURN_SLACK, Improvement
 from packit_sim.game.envs.observations import Observation
 from packit_sim.game.episodes.agents import Agent, OnProgress
-from packit_sim.game.episodes.episode import Episode
+from packit_sim.game.episodes.episode import Episode, check_task
 from packit_sim.game.evaluation.executed import executed
 from packit_sim.game.evaluation.results import ResultsError, Rollout
 from packit_sim.game.evaluation.results_store import check_evaluation, opened
@@ -264,7 +264,7 @@ def evaluate(
         for agent in players:
             agent.check_rules(rules)
         for task in tasks:
-            rules.check_items(task.cells, task.items)
+            check_task(task, rules)
         folder = None if file is None else trajectories_folder(file)
         jobs = []
         for number, task in numbered.items():

@@ -115,7 +115,7 @@ class Rollout:
         pack = Pack.of(episode.box, task.pack.library, played)
         left = [item for item, is_left in zip(task.items, episode.outside, strict=True) if is_left]
         outside = tuple(ItemRecord(item.shape.id, item.scale) for item in left)
-        return cls(replace(pack, outside=outside))
+        return cls(replace(pack, outside=outside).valued(task.pack.values))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Rollout):

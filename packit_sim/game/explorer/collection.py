@@ -44,6 +44,8 @@ class PackView:
         Volume of all items of the task, in box units cubed: rewards are shares of it.
     rules : Rules
         The rules of the episode; those of the paper for packs that no agent packed.
+    values : tuple of float
+        The value of each item, if the rules count values.
     """
 
     title: str
@@ -54,6 +56,7 @@ class PackView:
     outside: tuple[Item, ...]
     total: float
     rules: Rules = PACKIT
+    values: tuple[float, ...] = ()
 
     @cached_property
     def items(self) -> tuple[Item, ...]:
@@ -61,7 +64,9 @@ class PackView:
         return tuple(placed.item for placed in self.placed) + self.outside
 
     def reward(self, number: int) -> float:
-        """Return an item's reward: its share of the volume of all items."""
+        """Return an item's reward: its share of the volume, or of the value, of all items."""
+        if self.values:
+            return self.values[number] / plain_sum(self.values)
         return self.items[number].volume / self.total
 
     @cached_property
@@ -76,8 +81,8 @@ class PackView:
     def box(self, step: int) -> Box:
         """Return the box after a number of items were placed, all of which must be on the grid."""
         placed = tuple(one for one in self.placed[:step] if isinstance(one, PlacedItem))
-        box = self.rules.changed(physics=None, robot=None).new_box(self.cells)
-        assert isinstance(box, Box)  # without physics
+        rules = self.rules
+        box = Box(self.cells, kinematic=rules.kinematic, support=rules.support, boxes=rules.boxes)
         box.restore(BoxState(self.cells, placed))
         return box
 
@@ -188,10 +193,13 @@ class PackCollection:
         if self._tasks and entry.task is not None and not entry.is_truth:
             outside = _left(self._task(entry), placed)
         played = pack.provenance if isinstance(pack.provenance, Played) else None
-        if not outside and played is not None and played.total > 0:
+        rules = PACKIT if played is None else played.rules
+        items = (*(p.item for p in placed), *outside)
+        if not outside and played is not None and played.total > 0 and not rules.values:
             volume = pack.counted_volume / played.total
         else:
-            volume = plain_sum(item.volume for item in (*(p.item for p in placed), *outside))
+            volume = plain_sum(item.volume for item in items)
+        values = [pack.values[item.shape.id, item.scale] for item in items if rules.values]
         return PackView(
             self.titles[number],
             _name(entry),
@@ -200,7 +208,8 @@ class PackCollection:
             placed,
             outside,
             volume or 1.0,
-            PACKIT if played is None else played.rules,
+            rules,
+            tuple(values),
         )
 
     def rivals(self, number: int) -> tuple[int, ...]:
