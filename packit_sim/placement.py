@@ -23,6 +23,7 @@ from packit_sim.engine.disassembly import (
 from packit_sim.engine.feasibility import (
     WALLS,
     Blockers,
+    Decide,
     Mask,
     blbf,
     blockers,
@@ -70,6 +71,7 @@ __all__ = [
     "BoxState",
     "Compacted",
     "Contents",
+    "Decide",
     "Disassembly",
     "ItemInBox",
     "LooseMesh",
