@@ -1,5 +1,7 @@
 """The learned model of what fits: its box, its features, its network, and search in it."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -154,18 +156,18 @@ def played(search, rules: Rules = PACKIT, task: int = 1) -> Episode:
 
 def test_search_with_a_model_that_is_right_is_the_search_itself() -> None:
     lns = NeighbourhoodSearch(Budget(rollouts=3))
-    imagined, exact = played(ImaginedSearch(lns, right)), played(lns)
+    imagined, exact = played(ImaginedSearch(lns, partial(LearnedBox, right))), played(lns)
     assert imagined.box.placed[: len(exact.box.placed)] == exact.box.placed
 
 
 @pytest.mark.parametrize("easy", [False, True])
 @pytest.mark.parametrize("model", [blocked, free])
 def test_a_plan_of_a_wrong_model_is_played_by_the_rules(model, easy) -> None:
-    search = ImaginedSearch(NeighbourhoodSearch(Budget(rollouts=2)), model)
+    search = ImaginedSearch(NeighbourhoodSearch(Budget(rollouts=2)), partial(LearnedBox, model))
     assert played(search, Rules(easy=easy)).total > 0.3
 
 
 def test_the_rules_must_keep_items_on_the_grid() -> None:
-    search = ImaginedSearch(NeighbourhoodSearch(Budget(rollouts=2)), blocked)
+    search = ImaginedSearch(NeighbourhoodSearch(Budget(rollouts=2)), Box)
     with pytest.raises(ArgumentError, match="these are"):
         search(HEURISTIC, Episode(tasks()[1], Rules(kinematic=True)), None, None)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
 
 from packit_agents.learned_model.contact_network import bundled_network
-from packit_agents.learned_model.learned_box import LearnedBox, Model
+from packit_agents.learned_model.learned_box import LearnedBox
 from packit_agents.planning.rollouts import place, play_on, proposals
+from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.episodes.agents import Agent, OnProgress, Search
 from packit_sim.game.episodes.episode import Episode, Stage, stages
 from packit_sim.game.episodes.policy_registry import load_search
 from packit_sim.geometry.items import PlacedItem
+from packit_sim.geometry.lattice import Triple
 
 
 @dataclass(frozen=True)
@@ -31,17 +35,17 @@ class ImaginedSearch:
     ----------
     search : Search
         The search that plans.
-    model : Model
-        Predicts what fits.
+    new_box : callable
+        Creates the empty box of the plan, with some cells. With `Box` itself the model is perfect.
     """
 
     search: Search
-    model: Model
+    new_box: Callable[[Triple], Box]
 
     @classmethod
     def parse(cls, value: str) -> Self:
         """Parse the search that plans, such as "lns=200"; the model is the bundled one."""
-        return cls(load_search(value), bundled_network().decide)
+        return cls(load_search(value), partial(LearnedBox, bundled_network().decide))
 
     def __call__(
         self, agent: Agent, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
@@ -53,7 +57,7 @@ class ImaginedSearch:
                 f"these are {rules}"
             )
         imagined = Episode(episode.task, rules)
-        imagined.box = LearnedBox(self.model, episode.task.cells)
+        imagined.box = self.new_box(episode.task.cells)
         imagined.restore(episode.state())
         rollouts = 0
 

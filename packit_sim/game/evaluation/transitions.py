@@ -296,6 +296,11 @@ def read_transitions(folder: Path | str) -> Iterator[Transitions]:
             yield Transitions(**arrays)
 
 
+def tasks_digest(tasks: Sequence[Task]) -> str:
+    """Return the SHA-256 of the digests of tasks, in hex."""
+    return hashlib.sha256(" ".join(task.digest for task in tasks).encode()).hexdigest()
+
+
 def _manifest(
     tasks: Sequence[Task], agents: Sequence[Agent], episodes: int, seed: int
 ) -> TransitionsManifest:
@@ -307,11 +312,10 @@ def _manifest(
     cells = {task.cells for task in tasks}
     if len(cells) > 1:
         raise ArgumentError(f"the boxes of the tasks differ: {', '.join(map(str, sorted(cells)))}")
-    digest = hashlib.sha256(" ".join(task.digest for task in tasks).encode()).hexdigest()
     check_range("episodes", episodes, (episodes >= 1, "at least 1"))
     names = tuple(agent.name for agent in agents)
     return TransitionsManifest(
-        FORMAT, VERSION, __version__, cells.pop(), digest, names, seed, episodes
+        FORMAT, VERSION, __version__, cells.pop(), tasks_digest(tasks), names, seed, episodes
     )
 
 
