@@ -54,7 +54,7 @@ BASE = "largest-first/aligned/blbf"
 ALONE = (BASE, "largest-fitting-first/aligned/blbf")
 """Agents without a search: the first ends with a shape that does not fit, the second skips it."""
 
-SEARCHES = ("lns=100", "lns=0.5s", "beam=8")
+SEARCHES = ("lns=100", "beam=8")
 
 DENSITIES = (0.0, 0.2, 0.4, 1.0)
 

@@ -21,8 +21,6 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
 
 with lazy_imports():
-    import gymnasium
-
     from packit_sim.cli import inputs, output, terminal
     from packit_sim.core import parallel
     from packit_sim.game.datasets import pack_files
@@ -67,6 +65,8 @@ def record_command(
     Example: packit record everyday-v1 --split train --transitions --out transitions
     """
     if not transitions:
+        import gymnasium
+
         if len(agent or ()) > 1:
             raise ArgumentError("one agent is recorded at a time without --transitions")
         player = packit_sim.Agent.from_name(agent[0]) if agent else episode_agents.GROUND_TRUTH

@@ -161,6 +161,11 @@ class TransitionsManifest(Struct, frozen=True):
     def read(cls, folder: Path) -> TransitionsManifest:
         """Read the manifest of a folder.
 
+        Returns
+        -------
+        TransitionsManifest
+            The record.
+
         Raises
         ------
         TransitionsError
