@@ -18,13 +18,14 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from benchmarks.common import argument_parser, machine, markdown_table, plot_file, write_json
 from packit_agents.learned_model.contact_network import ContactNetwork, bundled_network
@@ -41,6 +42,7 @@ from packit_sim.game.evaluation.transitions import (
 )
 from packit_sim.geometry.items import BoxState
 from packit_sim.geometry.rotations import COUNT
+from packit_sim.geometry.shapes import Item
 from packit_sim.render import plots
 
 AGENTS = (
@@ -62,13 +64,15 @@ DENSITIES = (0.0, 0.2, 0.4, 1.0)
 def learn(train_folder: Path, validation_folder: Path, weights: Path, seed: int) -> None:
     """Train a network on recorded transitions, and write it."""
     library = ShapeLibrary.open("everyday")
-    found = [
+    learned, held_out = (
         Contacts.joined(contacts(shard, library) for shard in read_transitions(folder))
         for folder in (train_folder, validation_folder)
-    ]
+    )
     manifests = map(TransitionsManifest.read, (train_folder, validation_folder))
     provenance: dict[str, Any] = {"seed": seed}
-    for name, manifest, own in zip(("train", "validation"), manifests, found, strict=True):
+    for name, manifest, own in zip(
+        ("train", "validation"), manifests, (learned, held_out), strict=True
+    ):
         provenance[name] = {
             "agents": list(manifest.agents),
             "seed": manifest.seed,
@@ -77,7 +81,7 @@ def learn(train_folder: Path, validation_folder: Path, weights: Path, seed: int)
             "tasks": manifest.tasks,
             "locations": len(own.feasible),
         }
-    train(*found, provenance, seed=seed).write(weights)
+    train(learned, held_out, provenance, seed=seed).write(weights)
 
 
 def _groups(shard: Transitions, own: Contacts, library: ShapeLibrary) -> Iterator[tuple[str, Any]]:
@@ -168,15 +172,18 @@ def speed(network: ContactNetwork, folder: Path) -> dict[str, float]:
         box.restore(state)
         items = [placed[step].item.turned(n) for n in range(COUNT)]
         _ = [item.voxels for item in items]
-        calls: tuple[tuple[str, Callable[[], Any]], ...] = (
-            ("learned", lambda state=state, items=items: network.probabilities(state, items)),
-            ("exact", lambda box=box, items=items: [box.feasible(item) for item in items]),
-        )
-        for name, call in calls:
+        for name, masks in (
+            ("learned", partial(network.probabilities, state, items)),
+            ("exact", partial(_exact_masks, box, items)),
+        ):
             started = time.process_time()
-            call()
+            masks()
             times[name].append(1000 * (time.process_time() - started))
     return {name: float(np.median(each)) for name, each in times.items()}
+
+
+def _exact_masks(box: Box, items: list[Item]) -> npt.NDArray[np.bool_]:
+    return np.stack([box.feasible(item) for item in items])
 
 
 def draw(result: dict[str, Any], path: Path) -> None:
@@ -231,6 +238,7 @@ def _difference(first: list[Rollout], second: list[Rollout]) -> list[float]:
 
 
 def _estimate(estimate: Estimate) -> list[float]:
+    assert estimate.low is not None and estimate.high is not None
     return [estimate.mean, estimate.low, estimate.high]
 
 

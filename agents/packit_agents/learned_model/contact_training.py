@@ -140,7 +140,7 @@ def train(
     held_out, exact = _tensors(validation)
     best, least = tensors, float("inf")
     for _ in range(epochs):
-        for part in torch.tensor(rng.permutation(len(labels))).split(BATCH):
+        for part in torch.split(torch.tensor(rng.permutation(len(labels))), BATCH):
             loss = binary_cross_entropy_with_logits(_odds(tensors, features[part]), labels[part])
             optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]

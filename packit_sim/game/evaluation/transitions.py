@@ -353,9 +353,10 @@ def _record_shard(
         numbers.append((task, agent))
         first.append(len(steps))
     shapes, shape = np.unique([step.placed.item.shape.id for step in steps], return_inverse=True)
-    occupancy = np.stack(states)
+    drawn, occupancy = np.array(numbers, dtype=np.int32), np.stack(states)
     transitions = Transitions(
-        *np.array(numbers, dtype=np.int32).T,
+        drawn[:, 0],
+        drawn[:, 1],
         np.array(first, dtype=np.int32),
         shapes,
         shape.astype(np.int32),
