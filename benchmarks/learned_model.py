@@ -106,7 +106,8 @@ def _groups(shard: Transitions, own: Contacts, library: ShapeLibrary) -> Iterato
         )
     shared = np.expm1(own.features[:, ContactNetwork.features.index("fine cells shared")])
     for low, high in ((0, 10), (10, 100), (100, np.inf)):
-        yield f"{low} to {high:g} shared fine cells", (shared > low) & (shared <= high)
+        many = f"more than {low}" if high == np.inf else f"{low + 1} to {high:g}"
+        yield f"{many} shared fine cells", (shared > low) & (shared <= high)
 
 
 def measured(network: ContactNetwork, folder: Path) -> dict[str, Any]:
@@ -186,20 +187,46 @@ def _exact_masks(box: Box, items: list[Item]) -> npt.NDArray[np.bool_]:
     return np.stack([box.feasible(item) for item in items])
 
 
-def draw(result: dict[str, Any], path: Path) -> None:
-    """Draw the reliability of probabilities, and the accuracy of groups."""
-    with plots.drawn(path, [["reliability", "groups"]], 11, 4.5) as (_, axes):
+def example(network: ContactNetwork, folder: Path) -> npt.NDArray[np.int64]:
+    """Return the layer of locations with the most open ones in a shard: int (nx, ny).
+
+    0: blocked by voxels, 1: free by voxels, 2: open and predicted right, 3: open and wrong.
+    """
+    library = ShapeLibrary.open("everyday")
+    shard = next(read_transitions(folder))
+    placed, own = placed_items(shard, library), contacts(shard, library)
+    step = int(np.bincount(own.step).argmax())
+    first = int(shard.first[shard.episode(step)])
+    state = BoxState(Box().cells, tuple(placed[first:step]))
+    (probability,) = network.probabilities(state, [placed[step].item])
+    mask = shard.feasible(step)
+    found = mask.astype(np.int64)
+    at = tuple(own.location[own.step == step].T)
+    found[at] = 2 + ((probability[at] > 0.5) != mask[at])
+    layer = int((found >= 2).sum((0, 1)).argmax())
+    return found[:, :, layer]
+
+
+def draw(result: dict[str, Any], layer: npt.NDArray[np.int64], path: Path) -> None:
+    """Draw the reliability of probabilities, the accuracy of groups, and errors in a layer."""
+    with plots.drawn(path, [["reliability", "groups", "example"]], 15, 4.5) as (_, axes):
         predicted, share, _ = zip(*result["reliability"], strict=True)
         ax = axes["reliability"]
         ax.plot([0, 1], [0, 1], color="0.7")
         ax.plot(predicted, share, marker="o", color=plots.COLORS[0])
-        ax.set(
-            xlabel="predicted probability", ylabel="share that is feasible", title="Open locations"
-        )
+        ax.set(xlabel="predicted probability", ylabel="share that is feasible", title="Calibration")
         ax = axes["groups"]
         names = list(result["groups"])[::-1]
         ax.barh(names, [result["groups"][name][0] for name in names], color=plots.COLORS[0])
         ax.set(xlabel="accuracy", xlim=(0.5, 1), title="Accuracy at open locations")
+        ax = axes["example"]
+        kinds = ("blocked by voxels", "free by voxels", "open, right", "open, wrong")
+        colors = "0.85", "0.55", plots.COLORS[0], "tab:red"
+        for n, (kind, color) in enumerate(zip(kinds, colors, strict=True)):
+            x, y = np.nonzero(layer == n)
+            ax.scatter(x, y, s=14, marker="s", color=color, label=kind)
+        ax.set(xlabel="x", ylabel="y", title="One layer of locations", aspect="equal")
+        ax.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
 
 
 def arms(search: str) -> list[Agent]:
@@ -268,7 +295,8 @@ def main() -> None:
         result = measured(network, settings.transitions)
         result["milliseconds of 24 masks"] = speed(network, settings.transitions)
         write_json(settings.out / "learned_model_accuracy.json", machine() | result)
-        draw(result, plot_file(settings.out, "learned-model"))
+        layer = example(network, settings.transitions)
+        draw(result, layer, plot_file(settings.out, "learned-model"))
     else:
         found = {}
         for name in settings.datasets:

@@ -9,6 +9,7 @@ from packit_agents.learned_model.contact_kernels import COUNTS, contact_features
 from packit_agents.learned_model.contact_network import ContactNetwork, bundled_network
 from packit_agents.learned_model.imagined_search import ImaginedSearch
 from packit_agents.learned_model.learned_box import LearnedBox
+from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.neighbourhood_search import NeighbourhoodSearch
 from packit_sim.box import Box
@@ -144,9 +145,9 @@ def test_weights_of_another_network_are_refused(tmp_path) -> None:
         ContactNetwork.read(assets_folder() / "weights" / "champion.safetensors")
 
 
-def played(search, rules: Rules = PACKIT, task: int = 1) -> Episode:
-    episode = Episode(tasks()[task], rules)
-    search(HEURISTIC, episode, np.random.default_rng(0), lambda rollouts, best: None)
+def played(search, rules: Rules = PACKIT, agent: Agent = HEURISTIC) -> Episode:
+    episode = Episode(tasks()[1], rules)
+    search(agent, episode, np.random.default_rng(0), lambda rollouts, best: None)
     assert episode.end is not None
     exact = Box()
     for placed in episode.box.placed:
@@ -165,6 +166,18 @@ def test_search_with_a_model_that_is_right_is_the_search_itself() -> None:
 def test_a_plan_of_a_wrong_model_is_played_by_the_rules(model, easy) -> None:
     search = ImaginedSearch(NeighbourhoodSearch(Budget(rollouts=2)), partial(LearnedBox, model))
     assert played(search, Rules(easy=easy)).total > 0.3
+
+
+def test_ruin_and_recreate_plans_in_the_model_too() -> None:
+    asked = []
+
+    def model(box, item, locations):
+        asked.append(item)
+        return blocked(box, item, locations)
+
+    search = ImaginedSearch(RuinAndRecreate(Budget(rollouts=2)), partial(LearnedBox, model))
+    played(search, agent=Agent.from_name("champion"))
+    assert asked
 
 
 def test_the_rules_must_keep_items_on_the_grid() -> None:
