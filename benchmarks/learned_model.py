@@ -1,11 +1,11 @@
 """Learn what fits where voxels leave it open, and search in the learned model.
 
-    .venv/bin/packit record everyday-v1 --split train --transitions --shards 5 --out train AGENTS
+    .venv/bin/packit record everyday-v1 --split train --transitions --shards 4 --out train AGENTS
     .venv/bin/packit record everyday-v1 --split validation --transitions --seed 7 --shards 1 \
         --out validation AGENTS
     .venv/bin/python -m benchmarks.learned_model train train validation --weights FILE
     .venv/bin/python -m benchmarks.learned_model accuracy TEST
-    .venv/bin/python -m benchmarks.learned_model search everyday-v1 everyday-hard --tasks 50
+    .venv/bin/python -m benchmarks.learned_model search everyday-v1 everyday-hard --tasks 30
 
 AGENTS are the six `--agent` of `AGENTS`. `train` writes weights, `accuracy` measures the bundled
 ones on recorded transitions and draws the errors by group, `search` plays test tasks with searches
@@ -166,7 +166,7 @@ def speed(network: ContactNetwork, folder: Path) -> dict[str, float]:
     placed = placed_items(shard, library)
     times: dict[str, list[float]] = {"learned": [], "exact": []}
 
-    for step in range(7, len(placed), 97):
+    for step in range(7, len(placed), 23):
         first = int(shard.first[shard.episode(step)])
         box = Box()
         state = BoxState(box.cells, tuple(placed[first:step]))
@@ -286,7 +286,7 @@ def main() -> None:
     searching = commands.add_parser("search")
     searching.add_argument("datasets", nargs="+")
     searching.add_argument("--split", default="test")
-    searching.add_argument("--tasks", type=int, default=50)
+    searching.add_argument("--tasks", type=int, default=30)
     settings = parser.parse_args()
     if settings.command == "train":
         learn(settings.train, settings.validation, settings.weights, settings.seed)
