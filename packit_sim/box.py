@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
-from typing import Any, Generic
+from typing import Any, Generic, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -434,6 +435,12 @@ class Box(BaseBox[PlacedItem]):
         last = self.placed[-1]
         self._occupancy.truncate(len(self.placed) - 1)
         return last
+
+    def emptied(self) -> Self:
+        """Create an empty box that decides in the same way."""
+        other = copy(self)
+        other._occupancy = Occupancy(self.cells)
+        return other
 
     def clear(self) -> None:
         """Remove all items."""

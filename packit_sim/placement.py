@@ -24,6 +24,7 @@ from packit_sim.engine.disassembly import (
 from packit_sim.engine.feasibility import (
     WALLS,
     Blockers,
+    Decide,
     Mask,
     blbf,
     blockers,
@@ -72,6 +73,7 @@ __all__ = [
     "BoxState",
     "Compacted",
     "Contents",
+    "Decide",
     "Disassembly",
     "ItemInBox",
     "LooseMesh",

@@ -472,7 +472,7 @@ def test_weights_that_do_not_fit_are_refused(tmp_path, monkeypatch) -> None:
     with pytest.raises(PlacementWeightsError, match="other tensors"):
         PlacementNetwork.read(file)
     network().write(file)
-    monkeypatch.setattr("packit_agents.placements.network.FEATURES", ("other",))
+    monkeypatch.setattr(PlacementNetwork, "features", ("other",))
     with pytest.raises(PlacementWeightsError, match="other features"):
         PlacementNetwork.read(file)
 

@@ -14,6 +14,8 @@ import pytest
 
 pytest.importorskip("torch")
 
+from benchmarks.learned_model import AGENTS
+from packit_agents.learned_model.contact_network import ContactNetwork
 from packit_agents.learning import pretrained
 from packit_agents.learning.networks import PackNN
 from packit_agents.learning.training_settings import read_settings
@@ -25,6 +27,7 @@ from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.episodes.agents import Agent
 from packit_sim.game.episodes.episode import Episode
+from packit_sim.game.evaluation.transitions import tasks_digest
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import Rules
 
@@ -50,7 +53,7 @@ def test_the_card_names_each_file_and_no_other() -> None:
 
 
 @pytest.mark.parametrize(
-    "file", [file for file in FILES if file.stem != "champion"], ids=lambda file: file.stem
+    "file", [file for file in FILES if file.stem.startswith("packnn")], ids=lambda file: file.stem
 )
 def test_a_network_is_of_a_training_that_can_be_done_again(file) -> None:
     _, placement_features, provenance = read_weights(file)
@@ -61,6 +64,15 @@ def test_a_network_is_of_a_training_that_can_be_done_again(file) -> None:
     assert (placement_features > 0) == (settings.observation == "placement-features")
     assert (settings.packs, settings.split) == ("everyday-v1", "train")
     assert settings.validation == "validation"
+
+
+def test_the_model_of_contacts_is_of_a_training_that_can_be_done_again() -> None:
+    provenance = ContactNetwork.read(FOLDER / "contacts.safetensors").provenance
+    for name in ("train", "validation"):
+        own = provenance[name]
+        assert own["agents"] == list(AGENTS)
+        tasks = load_tasks("everyday-v1", ShapeLibrary.open("everyday"), name)
+        assert own["tasks"] == tasks_digest(tasks)
 
 
 def test_the_champion_is_of_a_training_that_can_be_done_again() -> None:

@@ -31,6 +31,7 @@ from packit_sim.game.datasets import packs, provenance
 from packit_sim.game.datasets.densification_settings import DensificationSettings
 from packit_sim.game.datasets.manifests import Manifest, manifest_path
 from packit_sim.game.envs.observations import OBSERVERS
+from packit_sim.game.evaluation import transitions
 from packit_sim.game.evaluation.judging import SCORES
 from packit_sim.game.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint
 from packit_sim.geometry.quantized import QuantizedMesh
@@ -79,6 +80,9 @@ STORED: dict[str, tuple[type, dict[str, str]]] = {
     "QuantizedMesh": (QuantizedMesh, {}),
     "CurvePoint": (CurvePoint, {}),
     "Board": (Board, {}),
+    "TransitionsManifest": (transitions.TransitionsManifest, {}),
+    "Shard": (transitions.Shard, {}),
+    "Transitions": (transitions.Transitions, {}),
 }
 """The type of each table of files.md, and the fields that the writer adds before its own."""
 

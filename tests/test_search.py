@@ -173,7 +173,7 @@ def test_a_number_of_beams_that_is_wrong_is_named(value) -> None:
 
 
 def test_unknown_searches_and_policies_without_scores_are_named() -> None:
-    names = "backtrack, beam, exact, lns, mcts, ruin-recreate"
+    names = "backtrack, beam, exact, imagined, lns, mcts, ruin-recreate"
     with pytest.raises(
         UnknownPolicyError, match=f"no search 'bean': did you mean beam[?] choose from {names}$"
     ):

@@ -144,6 +144,12 @@ WRONG = [
     ("generate --out d --dense --floor 2", "floor = 2.0 is not possible"),
     ("generate --out d --dense --items 5 2", "items = (5, 2)"),
     ("generate --out d --dense --pool 3", "pool = 3"),
+    # record
+    ("record starter", "Missing option '--out'"),
+    ("record starter --out x --shards 0 --transitions", "--shards"),
+    ("record starter --out x --agent random --agent random", "one agent is recorded at a time"),
+    ("record starter --out folder --agent random/random/random", "folder exists"),
+    ("record starter --out x --transitions --agent largest-first/aligned/blbf+beam=2", "search"),
     # evaluate and compare
     ("evaluate absent.jsonl", "absent.jsonl: No such file"),
     ("evaluate broken.jsonl", "broken.jsonl, line 1: not JSON"),

@@ -53,7 +53,7 @@ COMMANDS: dict[str, dict[str, str]] = {
         "reproduce": "reproduction_commands",
         "report": "report_commands",
     },
-    LEARN: {"train": "", "train-champion": ""},
+    LEARN: {"record": "record_command", "train": "", "train-champion": ""},
     LOOK: {
         "view": "viewer_commands",
         "render": "picture_commands",

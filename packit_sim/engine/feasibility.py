@@ -9,7 +9,7 @@ in docs/concepts/exactness.md.
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,11 +37,14 @@ from packit_sim.geometry.shapes import Item
 
 Mask = npt.NDArray[np.bool_]
 
+Decide = Callable[[Item, Locations], npt.NDArray[np.bool_]]
+"""Stands in for the meshes: whether an item is feasible at each of n open locations: bool (n,)."""
+
 WALLS = ("right", "front", "top")
 """The walls through which an item on the grid can protrude, by axis."""
 
 
-def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:
+def feasible(occupancy: Occupancy[Any], item: Item, decide: Decide | None = None) -> Mask:
     """Compute the exact mask of feasible locations.
 
     Parameters
@@ -50,6 +53,8 @@ def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:
         The items already in the box.
     item : Item
         The item to place, in its rotation.
+    decide : Decide, optional
+        Decides the locations that cells leave open; by default the meshes do.
 
     Returns
     -------
@@ -59,9 +64,14 @@ def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:
     mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     if not fits(occupancy.cells, item):
         return mask
-    states, tables = _states(occupancy, item)
-    undecided = mark_free(states, mask)
-    mask[tuple(undecided.T)] = _feasible_at(occupancy, item, tables, undecided)
+    if decide is None:
+        states, tables = _states(occupancy, item)
+        undecided = mark_free(states, mask)
+        mask[tuple(undecided.T)] = _feasible_at(occupancy, item, tables, undecided)
+    else:
+        states = screen(occupancy, item)
+        undecided = mark_free(states, mask)
+        mask[tuple(undecided.T)] = decide(item, undecided)
     count("masks", states.size, len(undecided))
     return mask
 
@@ -164,7 +174,11 @@ def _feasible_at(
 
 
 def blbf(
-    occupancy: Occupancy[Any], item: Item, start: Triple = ORIGIN, layers: int | None = None
+    occupancy: Occupancy[Any],
+    item: Item,
+    start: Triple = ORIGIN,
+    layers: int | None = None,
+    decide: Decide | None = None,
 ) -> Triple | None:
     """Find the bottom-left-back-fill location: the first feasible one in the order of (z, x, y).
 
@@ -178,6 +192,8 @@ def blbf(
         The location at which the search starts.
     layers : int, optional
         The layers of nodes to search, from the lowest; all by default.
+    decide : Decide, optional
+        Decides the locations that cells leave open; by default the meshes do.
 
     Returns
     -------
@@ -196,7 +212,7 @@ def blbf(
         i, j, k, number, state = next_unblocked(box, own, size, number)
         if state == OPEN:
             undecided += 1
-            if _is_excluded(occupancy, PlacedItem(item, (i, j, k))):
+            if not _is_left_free(occupancy, PlacedItem(item, (i, j, k)), decide):
                 continue
         count("searches", number, undecided)
         return None if state == BLOCKED else (i, j, k)
@@ -208,13 +224,15 @@ def first(mask: Mask) -> Triple | None:
     return (int(x[0]), int(y[0]), int(z[0])) if len(z) else None
 
 
-def is_feasible(occupancy: Occupancy[Any], candidate: PlacedItem) -> bool:
+def is_feasible(
+    occupancy: Occupancy[Any], candidate: PlacedItem, decide: Decide | None = None
+) -> bool:
     """Decide whether an item is feasible at its location: the mask's value there."""
     if not is_inside(occupancy.cells, candidate):
         return False
     state = screen_at(occupancy, candidate)
     count("checks", 1, state == OPEN)
-    return state == FREE or (state == OPEN and not _is_excluded(occupancy, candidate))
+    return state == FREE or (state == OPEN and _is_left_free(occupancy, candidate, decide))
 
 
 def excluded(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt.NDArray[np.bool_]:
@@ -248,11 +266,14 @@ def excluded(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt
     return found
 
 
-def _is_excluded(occupancy: Occupancy[Any], candidate: PlacedItem) -> bool:
-    """Decide the same about one location, with the cached results about pairs."""
+def _is_left_free(occupancy: Occupancy[Any], candidate: PlacedItem, decide: Decide | None) -> bool:
+    """Decide whether an item is feasible at one open location, with cached results about pairs."""
+    location = np.array([candidate.location])
+    if decide is not None:
+        return bool(decide(candidate.item, location)[0])
     placed = occupancy.placed
-    pairs = open_pairs(occupancy, candidate.item, np.array([candidate.location]))
-    return any(surfaces_conflict(candidate, placed[m]) for m in pairs[:, 1].tolist())
+    pairs = open_pairs(occupancy, candidate.item, location)
+    return not any(surfaces_conflict(candidate, placed[m]) for m in pairs[:, 1].tolist())
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +44,9 @@ class PlacementNetwork:
         The record of its training, in JSON's types.
     """
 
+    format: ClassVar[str] = FORMAT
+    features: ClassVar[tuple[str, ...]] = FEATURES
+
     def __init__(
         self, tensors: Mapping[str, npt.NDArray[np.float32]], provenance: Mapping[str, Any]
     ) -> None:
@@ -56,10 +59,10 @@ class PlacementNetwork:
         first = tensors["mean"], tensors["scale"], tensors["linear.weight"][0]
         self._arrays = *first, *layers, tensors["score.weight"][0]
 
-    @staticmethod
-    def shapes(width: int) -> dict[str, tuple[int, ...]]:
+    @classmethod
+    def shapes(cls, width: int) -> dict[str, tuple[int, ...]]:
         """Return the shapes of the tensors of a network with layers of some width."""
-        features = len(FEATURES)
+        features = len(cls.features)
         return {
             "mean": (features,),
             "scale": (features,),
@@ -99,15 +102,15 @@ class PlacementNetwork:
     def write(self, path: Path) -> None:
         """Write the network to a file of safetensors, atomically."""
         metadata = {
-            "format": FORMAT,
-            "features": json.dumps(FEATURES),
+            "format": self.format,
+            "features": json.dumps(self.features),
             "provenance": json.dumps(self.provenance),
         }
         with replacing(path) as file:
             file.write(save(self.tensors, metadata))
 
     @classmethod
-    def read(cls, path: Path) -> PlacementNetwork:
+    def read(cls, path: Path) -> Self:
         """Read a network.
 
         Returns
@@ -133,9 +136,9 @@ class PlacementNetwork:
             raise PlacementWeightsError(
                 f"{path} holds no weights, or is damaged: {error}"
             ) from None
-        if metadata.get("format") != FORMAT:
+        if metadata.get("format") != cls.format:
             raise PlacementWeightsError(
-                f"{path} is of format {metadata.get('format')!r}: this agent reads {FORMAT!r}"
+                f"{path} is of format {metadata.get('format')!r}: this agent reads {cls.format!r}"
             )
         with located(f"{path} has metadata that are damaged", PlacementWeightsError):
             features = typed_json.decode(
@@ -144,7 +147,7 @@ class PlacementNetwork:
             provenance = typed_json.decode(
                 metadata.get("provenance", ""), dict[str, Any], PlacementWeightsError, "provenance"
             )
-        if features != list(FEATURES):
+        if features != list(cls.features):
             raise PlacementWeightsError(f"{path} was trained with other features than these")
         width = math.prod(found.get("first.bias", ()))
         if found != cls.shapes(width):

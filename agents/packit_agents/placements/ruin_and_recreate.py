@@ -10,6 +10,7 @@ from packit_agents.placements.policies import PlacementPolicy
 from packit_agents.placements.scored_layout import ScoredLayout
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.rollouts import play_on
+from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.episodes.agents import Agent, OnProgress, play_placement
 from packit_sim.game.episodes.episode import Episode, Stage
@@ -86,7 +87,8 @@ class RuinAndRecreate:
             raise ArgumentError("ruin and recreate packs as much volume as it can: no values")
         clock = self.budget.start()
         items = [episode.task.items[n] for n in np.flatnonzero(episode.outside).tolist()]
-        box = episode.rules.new_box(episode.task.cells)
+        assert isinstance(episode.box, Box)
+        box = episode.box.emptied()
         box.restore(episode.box.snapshot())
         layout = ScoredLayout(items, box, tuple(episode.rules.allowed_rotations))
         volume = episode.task.volume

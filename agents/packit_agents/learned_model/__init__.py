@@ -1,0 +1,1 @@
+"""A learned model of the game, and searches in it."""

@@ -1,0 +1,141 @@
+"""Transitions of recorded episodes: what they contain, resuming, and damaged folders."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from packit_sim.box import Box
+from packit_sim.core.errors import ArgumentError
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation.transitions import (
+    TransitionsError,
+    TransitionsManifest,
+    read_transitions,
+    record_transitions,
+)
+from packit_sim.geometry.shapes import Item
+from packit_sim.libraries.library import ShapeLibrary
+from tests.runs import packit
+
+AGENTS = ["largest-first/aligned/blbf", "random/random/random"]
+
+
+@pytest.fixture(scope="module")
+def library() -> ShapeLibrary:
+    return ShapeLibrary.open("everyday")
+
+
+@pytest.fixture(scope="module")
+def tasks(library: ShapeLibrary) -> tuple[Task, ...]:
+    return load_tasks("starter", library)[:2]
+
+
+def record(
+    folder: Path, tasks: tuple[Task, ...], shards: int, seed: int = 3
+) -> TransitionsManifest:
+    agents = [Agent.from_name(name) for name in AGENTS]
+    return record_transitions(folder, tasks, agents, shards, episodes=2, seed=seed)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, tasks: tuple[Task, ...]) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "transitions"
+    record(folder, tasks, 2)
+    return folder
+
+
+def test_each_step_is_that_of_the_game(folder, tasks, library) -> None:
+    steps = 0
+    for shard in read_transitions(folder):
+        assert shard.agent.tolist() == [0, 1]
+        for episode, first in enumerate(shard.first[:-1].tolist()):
+            task, box = tasks[shard.task[episode]], Box()
+            assert not shard.filled(first + episode).any()
+            for step in range(first, shard.first[episode + 1]):
+                assert shard.state(step) == step + episode
+                shape = library[str(shard.shapes[shard.shape[step]])]
+                item = Item(shape, float(shard.scale[step]), int(shard.rotation[step]))
+                assert item.turned(0) in task.items
+                assert np.array_equal(shard.feasible(step), box.feasible(item))
+                box.place(item, shard.location[step].tolist())
+                after = shard.state(step) + 1
+                assert np.array_equal(shard.filled(after), box.outer)
+                assert shard.reward[step] == item.volume / task.volume
+                tops = box.outer * np.arange(1, 101)
+                assert np.array_equal(shard.heights[after], tops.max(axis=2))
+                steps += 1
+    assert steps == TransitionsManifest.read(folder).steps > 20
+
+
+def test_a_recording_is_resumed_and_extended(tmp_path, tasks, folder) -> None:
+    record(tmp_path, tasks, 1)
+    before = (tmp_path / "000000.npz").stat().st_mtime_ns
+    (tmp_path / "000001.npz").write_bytes(b"written, but not in the manifest")
+    assert record(tmp_path, tasks, 2) == TransitionsManifest.read(folder)
+    assert (tmp_path / "000000.npz").stat().st_mtime_ns == before
+    (*_, last) = read_transitions(tmp_path)
+    (*_, expected) = read_transitions(folder)
+    assert np.array_equal(last.occupancy, expected.occupancy)
+
+
+def test_other_settings_are_refused(tasks, folder) -> None:
+    with pytest.raises(TransitionsError, match="transitions of other seed: 3, not 4; choose"):
+        record(folder, tasks, 2, seed=4)
+    with pytest.raises(TransitionsError, match="other tasks"):
+        record(folder, tasks[:1], 2)
+    planner = Agent.from_name("largest-first/aligned/blbf+beam=2")
+    with pytest.raises(ArgumentError, match="leave out its search"):
+        record_transitions(folder, tasks, [planner], 1)
+    with pytest.raises(ArgumentError, match="at least one task"):
+        record_transitions(folder, (), [planner], 1)
+
+
+def _truncate(folder: Path) -> None:
+    file = folder / "000000.npz"
+    file.write_bytes(file.read_bytes()[:1000])
+
+
+def _edit(**changes: object) -> Callable[[Path], None]:
+    def edit(folder: Path) -> None:
+        path = folder / "manifest.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (_truncate, "000000.npz is not the file that the manifest records"),
+        (lambda folder: (folder / "000000.npz").unlink(), "000000.npz can't be read: No such file"),
+        (lambda folder: (folder / "manifest.json").unlink(), "holds no transitions: No such file"),
+        (_edit(version=2), "version 2: this one reads"),
+        (_edit(seed="x"), "manifest.json: field 'seed' is 'x'"),
+    ],
+)
+def test_a_damaged_folder_is_named(tmp_path, folder, damage, message) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    damage(copy)
+    with pytest.raises(TransitionsError, match=message):
+        list(read_transitions(copy))
+
+
+def test_the_command_records_transitions(tmp_path) -> None:
+    out = tmp_path / "recorded"
+    options = "--transitions", "--shards", 1, "--episodes", 1, "--workers", 1
+    printed = packit("record", "starter", *options, "--out", out)
+    (shard,) = read_transitions(out)
+    assert f"wrote {out}: {len(shard)} steps" in printed
+
+
+def test_the_command_records_for_minari(tmp_path) -> None:
+    minari = pytest.importorskip("minari")
+    agent = "largest-first/aligned/blbf"
+    packit("record", "starter", "--agent", agent, "--out", tmp_path / "played")
+    assert minari.MinariDataset(tmp_path / "played").total_episodes == 10
