@@ -24,6 +24,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PlacedItem, PosedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.rotations import MATRICES
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.pieces import Piece
@@ -40,6 +41,7 @@ from packit_sim.robot.measures import measures
 from packit_sim.robot.motion import straight
 from packit_sim.robot.panda import panda_model
 from packit_sim.robot.paths import find_path
+from packit_sim.robot.presentation import turn_at_pick
 from packit_sim.robot.robot_box import RobotBox
 from packit_sim.robot.trajectory import Trajectory
 from packit_sim.robot.world import ArmWorld
@@ -64,6 +66,7 @@ def block(x: float, y: float, z: float) -> Item:
     return Item(shape, (math.hypot(x, y, z) / 100) ** 3)
 
 
+TURNED = (block(20, 12, 8), block(12, 16, 10))
 ITEMS = (block(20, 12, 8), block(12, 16, 10), Item(BALL, 0.006))
 
 
@@ -175,6 +178,43 @@ def test_a_cup_holds_where_it_is_flat_near_the_centre_of_mass() -> None:
         if found is not None:
             top = Item(TILTED, 0.02, turn).mesh.vertices[:, 2].max()
             assert found.point[2] <= top + 1e-9
+
+
+@pytest.fixture(scope="module")
+def turned() -> RobotBox:
+    """Blocks that lie on other sides than those on which they are placed."""
+    return packed(replace(CELL, level=2), TURNED)
+
+
+def test_at_level_2_items_are_turned_in_the_air(turned: RobotBox) -> None:
+    arm = arm_of(turned.cell, CELLS)
+    for number, one in enumerate(turned.placed):
+        assert one.outcome is Outcome.PLACED and one.counts
+        assert one.displacement[0] < 0.004 and one.displacement[1] < 2
+        own = one.recording
+        first, last = (arm.poses(own.joints[step])[-1].rotation[:, 2] for step in own.held)
+        assert first[2] < 0.1 and last[2] > 1 - 1e-9  # from the side, straight down
+        mine = own.poses[own.rows[:, 1] == number]
+        assert abs(2 * np.arccos(abs(mine[0, 3:] @ mine[-1, 3:]))) > 1
+
+
+@pytest.mark.slow
+def test_a_tilted_tool_touches_nothing_by_its_trajectory(turned: RobotBox) -> None:
+    trajectory = Trajectory.of(turned.cell, CELLS, turned.placed)
+    shapes = {item.shape.id: item.shape for item in TURNED}
+    read = Trajectory.from_bytes(trajectory.to_bytes(), shapes.__getitem__)
+    assert read.digest == trajectory.digest
+    assert measures(read, TURNED)["penetration"] < 0.001
+
+
+def test_an_item_that_lies_on_its_head_is_not_gripped() -> None:
+    cell = replace(CELL, level=2)
+    item = block(20, 12, 8)
+    up = [item.turned(turn) for turn in (0, 4, 8, 12, 16, 20)]
+    tilts = [turn_at_pick(one, MATRICES[one.rotation], cell)[2, 2] for one in up]
+    found = [best_grasp(one, cell) is not None for one in up]
+    assert min(tilts) < -0.99 and max(tilts) > 0.99
+    assert found == [tilt > -0.02 for tilt in tilts]
 
 
 @pytest.fixture(scope="module")
@@ -408,9 +448,11 @@ def test_items_and_boxes_that_do_not_go_are_refused_before_anything_is_simulated
         Episode(task_of(block(20, 20, 60), cells=(40, 40, 80)), heavy)
     with pytest.raises(ArgumentError, match="higher than the reach"):
         Episode(task_of(ITEMS[0], cells=(40, 40, 400)), Rules(robot=CELL))
-    for wrong in ({"level": 2}, {"edge": 0}, {"gripper": {"cups": ()}}):
+    for wrong in ({"level": 3}, {"edge": 0}, {"gripper": {"cups": ()}}):
         with pytest.raises(ArgumentError, match="is not possible"):
             Rules.from_json({"robot": wrong})
+    with pytest.raises(ArgumentError, match="level 2 is not possible for arm 'panda'"):
+        replace(CELL, arm="panda", level=2)
     with pytest.raises(ArgumentError, match="physics of its own"):
         Rules(robot=CELL, kinematic=True)
 
