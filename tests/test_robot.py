@@ -30,6 +30,7 @@ from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.world import pybullet_module
+from packit_sim.render import robot_films
 from packit_sim.robot.arm import Route
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import RobotCell, SuctionGripper
@@ -115,6 +116,26 @@ def test_measures_follow_from_the_trajectory(box: RobotBox) -> None:
     assert found["collapses"] == found["failed grasps"] == found["no path"] == 0
     assert found["penetration"] < 0.001
     assert 5 < found["robot seconds"] < 12
+
+
+def test_a_film_shows_the_arm_and_each_item_once_it_is_presented(box: RobotBox) -> None:
+    trajectory = Trajectory.of(CELL, CELLS, box.placed)
+    shown, frames = robot_films.executing(trajectory, fps=2, speed=4.0)
+    taken = list(frames)
+    steps = sum(len(one.recording.joints) for one in box.placed)
+    assert abs(len(taken) - steps / 480) <= 3
+    visible = [sum(pose is not None for pose in layout.poses[:3]) for _, layout in taken]
+    assert visible[0] == 1 and visible[-1] == 3 and visible == sorted(visible)
+    _, last = taken[-1]
+    end = last.poses[0]
+    assert end is not None and np.allclose(end.matrix, box.placed[0].posed.pose.matrix, atol=1e-3)
+    column = shown.placed[5]  # after the items, the bridge and the trolley
+    high = last.poses[5]
+    assert high is not None and column.item.shape.category == "arm"
+    joints = box.placed[2].recording.joints
+    assert np.allclose(high.translation[:2], joints[len(joints) // 480 * 480, :2] / CELL.edge)
+    with pytest.raises(ArgumentError, match="fps 0 is not possible"):
+        robot_films.executing(trajectory, fps=0)
 
 
 def test_a_penetration_is_found() -> None:
