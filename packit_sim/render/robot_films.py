@@ -70,7 +70,8 @@ def executing(
         cup.apply_translation((0, 0, CUP / 2))
         bodies.append(_body(cup, f"cup {radius:g}", cell.edge))
     items = [one.planned for one in trajectory.attempts]
-    box = BoxState(cells, (*items, *bodies))
+    x, y, z = map(round, cells)  # parts may have boxes of fractions of a cell
+    box = BoxState((x, y, z), (*items, *bodies))
     shown = replace(look, coloring=_with_grey_arm)
     return box, _frames(trajectory, bodies, shown, max(1, round(speed / fps / cell.world.step)))
 
