@@ -15,9 +15,6 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.robot.cell import Cells
 
-TUBE = 0.005
-"""Side of the square tube that carries a cup, m: its corners are inside the smallest cup."""
-
 CUP = 0.010
 """Height of a cup, m."""
 

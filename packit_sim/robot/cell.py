@@ -31,6 +31,9 @@ STATION_SIDE = 0.15
 """Metres from the outside of the wall to the middle of the station, and twice that for the longest
 item."""
 
+TUBE = 0.005
+"""Side of the square tube that carries a cup, m: its corners are inside the smallest cup."""
+
 TILTED_TOOL = 0.10
 """Metres from the axis about which the gantry tilts its tool at level 2 to the cup's face."""
 

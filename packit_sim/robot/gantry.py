@@ -20,8 +20,8 @@ from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.files import naming
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import IDENTITY, Motion
-from packit_sim.robot.arm import CUP, STATION_REACH, TUBE, Arm, Route, ToolPath, tool_rotation
-from packit_sim.robot.cell import TILTED_TOOL, Cells, RobotCell
+from packit_sim.robot.arm import CUP, STATION_REACH, Arm, Route, ToolPath, tool_rotation
+from packit_sim.robot.cell import TILTED_TOOL, TUBE, Cells, RobotCell
 from packit_sim.robot.motion import straight
 from packit_sim.robot.presentation import JITTER
 

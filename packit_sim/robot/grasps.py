@@ -13,8 +13,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem, triangles
 from packit_sim.geometry.rotations import MATRICES
 from packit_sim.geometry.shapes import Item
-from packit_sim.robot.arm import TUBE
-from packit_sim.robot.cell import GRAVITY, TILTED_TOOL, RobotCell
+from packit_sim.robot.cell import GRAVITY, TILTED_TOOL, TUBE, RobotCell
 from packit_sim.robot.height_kernels import flat_discs, top_heights
 from packit_sim.robot.presentation import turn_at_pick
 

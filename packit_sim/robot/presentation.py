@@ -61,6 +61,11 @@ def turn_at_pick(item: Item, rotation: Floats, cell: RobotCell) -> Floats:
     ----------
     rotation : ndarray of float64, shape (3, 3)
         Rotation of the canonical shape where it is placed.
+
+    Returns
+    -------
+    ndarray of float64, shape (3, 3)
+        The rotation; at level 1 none.
     """
     if cell.level == 1:
         return np.eye(3)

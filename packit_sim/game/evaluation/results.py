@@ -306,6 +306,11 @@ def stored_trajectory(file: Path, rollout: Rollout, library: ShapeLibrary) -> Tr
     file : Path
         The file of results.
 
+    Returns
+    -------
+    Trajectory
+        The trajectory.
+
     Raises
     ------
     PackFormatError

@@ -77,6 +77,11 @@ class FittedItems:
             The pieces of the items as they were before they were divided, and last the new one's.
         surface : ndarray
             Triangles (m, 3, 3) of the new item.
+
+        Returns
+        -------
+        FittedItems
+            All items.
         """
         surfaces, new = [*self.surfaces, surface], len(self.surfaces)
         ends = _ends(surfaces)
