@@ -42,7 +42,8 @@ STRIDE = 12
 
 ORANGE = (0.84, 0.37, 0.0)
 
-ABOVE = Camera(azimuth=-40.0, elevation=50.0)
+AZIMUTHS = (-40.0, 50.0, 140.0, 230.0)
+"""Of the camera; the picture in which most orange is to be seen is kept."""
 
 HIGH = 0.3
 """Box units above its place at which an item is drawn that was never moved."""
@@ -100,9 +101,10 @@ def drawn(trajectory: Trajectory, item: int, attempt: int) -> Any:
         return Colors(tuple(ORANGE if n == item else UNKNOWN_COLOR for n in range(len(items))))
 
     now = replace(layout, poses=tuple(poses), points=shown)
-    look = replace(look, coloring=coloring, camera=ABOVE)
-    (picture,) = films.shot(box, [(look, now)], SIDE, SIDE)
-    return picture
+    cameras = (Camera(azimuth=azimuth, elevation=50.0) for azimuth in AZIMUTHS)
+    views = [(replace(look, coloring=coloring, camera=camera), now) for camera in cameras]
+    pictures = list(films.shot(box, views, SIDE, SIDE))
+    return max(pictures, key=lambda one: np.ptp(one.astype(int), axis=2).sum())
 
 
 if __name__ == "__main__":
