@@ -3,11 +3,12 @@
     .venv/bin/python -m benchmarks.robot --tasks 50
     .venv/bin/python -m benchmarks.robot --tasks 50 --arm panda --closed
     .venv/bin/python -m benchmarks.robot --tasks 6 --agent champion
+    .venv/bin/python -m benchmarks.robot --tasks 6 --level 2 --closed
 
-The first tasks of a dataset, level 1, a box of 0.30 m, seed 0, one process. Pieces come from
-bisection, which takes about a second a shape. Results and trajectories go into --work, from which a
-run resumes; `packit verify` recomputes them. Prints a table with 95% intervals and the failures,
-and writes `benchmarks/results/robot-ARM-AGENT-DATASET.json`.
+The first tasks of a dataset, level 1 or --level 2, a box of 0.30 m, seed 0, one process. Pieces
+come from bisection, which takes about a second a shape. Results and trajectories go into --work,
+from which a run resumes; `packit verify` recomputes them. Prints a table with 95% intervals and the
+failures, and writes `benchmarks/results/robot-ARM-AGENT-DATASET.json`, or `...-level-2.json`.
 """
 
 from __future__ import annotations
@@ -23,14 +24,12 @@ from rich.table import Table
 from benchmarks.common import argument_parser, machine, write_json
 from packit_sim import Rules, ShapeLibrary, evaluate
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
-from packit_sim.game.datasets.execution_checks import trajectories_folder
 from packit_sim.game.datasets.pack_files import load_tasks
-from packit_sim.game.evaluation.results import Rollout
+from packit_sim.game.evaluation.results import Rollout, stored_trajectory
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.robot.cell import RobotCell
 from packit_sim.robot.executed_item import Outcome, movement
 from packit_sim.robot.measures import MEASURES, resting_poses
-from packit_sim.robot.trajectory import Trajectory
 
 FAILURES = ("no grasp", "no path", "lost", "displaced", "collapsed", "not inside")
 """Outcomes of items that are counted; displaced: at rest more than 2 cm or 15 degrees from plan."""
@@ -43,14 +42,17 @@ def main() -> None:
     parser.add_argument("--tasks", type=int, default=50)
     parser.add_argument("--work", type=Path, default=Path("build/robot"), help="for trajectories")
     parser.add_argument("--arm", default="gantry")
+    parser.add_argument("--level", type=int, default=1)
     parser.add_argument("--agent", default="stable-champion")
     parser.add_argument("--closed", action="store_true", help="only the closed loop")
     options = parser.parse_args()
-    closed = RobotCell(options.arm, decomposition=DecompositionSettings(method="bisection"))
+    pieces = DecompositionSettings(method="bisection")
+    closed = RobotCell(options.arm, level=options.level, decomposition=pieces)
     cells = {"closed loop": closed}
     if not options.closed:
         cells["open loop"] = replace(closed, open_loop=True)
     start = options.dataset if options.arm == "gantry" else f"{options.dataset}-{options.arm}"
+    start += _level(options)
     files = {name: options.work / f"{start}-{name.replace(' ', '-')}.jsonl" for name in cells}
     tasks = load_tasks(options.dataset, split=options.split)[: options.tasks]
     found: dict[str, list[Rollout]] = {}
@@ -71,8 +73,7 @@ def failures(file: Path, rollouts: Sequence[Rollout]) -> dict[str, int]:
     library = ShapeLibrary.open(rollouts[0].pack.library.name)
     counts = dict.fromkeys(("tried", *FAILURES), 0)
     for rollout in rollouts:
-        path = trajectories_folder(file) / f"{rollout.played.trajectory}.npz"
-        trajectory = Trajectory.from_bytes(path.read_bytes(), library.__getitem__)
+        trajectory = stored_trajectory(file, rollout, library)
         ends = resting_poses(trajectory)
         for n, one in enumerate(trajectory.attempts):
             counts["tried"] += 1
@@ -131,7 +132,12 @@ def report(
             for name, rollouts in found.items()
         },
     }
-    write_json(options.out / f"robot-{options.arm}-{options.agent}-{options.dataset}.json", result)
+    name = f"robot-{options.arm}-{options.agent}-{options.dataset}{_level(options)}.json"
+    write_json(options.out / name, result)
+
+
+def _level(options: argparse.Namespace) -> str:
+    return "" if options.level == 1 else f"-level-{options.level}"
 
 
 if __name__ == "__main__":

@@ -20,8 +20,7 @@ from PIL import Image
 
 from benchmarks.common import argument_parser
 from packit_sim import ShapeLibrary
-from packit_sim.game.datasets.execution_checks import trajectories_folder
-from packit_sim.game.evaluation.results import read_results
+from packit_sim.game.evaluation.results import read_results, stored_trajectory
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL
 from packit_sim.render.coloring import color_of
@@ -52,8 +51,7 @@ def main() -> None:
     options = parser.parse_args()
     rollout = read_results(options.results)[0]
     library = ShapeLibrary.open(rollout.pack.library.name)
-    file = trajectories_folder(options.results) / f"{rollout.played.trajectory}.npz"
-    trajectory = Trajectory.from_bytes(file.read_bytes(), library.__getitem__)
+    trajectory = stored_trajectory(options.results, rollout, library)
     own = trajectory.attempts[options.attempt].recording
     begin, end = own.held
     arm = arm_of(trajectory.cell, trajectory.cells)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
@@ -194,7 +195,7 @@ class BaseBox(ABC, Generic[ItemT]):
         """
         return self._is_feasible(PlacedItem(item, checked_location(self.cells, location)))
 
-    def disturbance(self, item: Item, location: Sequence[int]) -> float:
+    def disturbance(self, item: Item, location: Sequence[int], limit: float = math.inf) -> float:
         """Predict how far items move if one is placed at a location where it is feasible.
 
         Parameters
@@ -203,6 +204,8 @@ class BaseBox(ABC, Generic[ItemT]):
             The item to place, in its rotation.
         location : sequence of int
             The grid node (i, j, k).
+        limit : float
+            A value above which the exact one does not matter.
 
         Returns
         -------

@@ -22,7 +22,7 @@ from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import decomposition, disk_cache
 from packit_sim.physics.convex.bisection import bisect
 from packit_sim.physics.convex.decomposition import Decomposition, decompose, decompose_all
-from packit_sim.physics.convex.fitting import fitted
+from packit_sim.physics.convex.fitting import FittedItems
 from packit_sim.physics.convex.pieces import (
     MAX_CORNERS,
     SHEET,
@@ -387,7 +387,7 @@ def test_fitted_pieces_overlap_nowhere(seed) -> None:
         [(random_piece(rng), float(rng.choice((0, 0.01, 0.02)))) for _ in range(2)]
         for _ in range(3)
     ]
-    pieces = fitted(items, surfaces(items))
+    pieces = FittedItems.of(items, surfaces(items)).pieces
     for i in range(3):
         assert sum(p.volume for p in pieces[i]) <= sum(p.volume for p, _ in items[i]) + 1e-3
         for j in range(i):
@@ -408,7 +408,7 @@ def test_what_is_as_large_as_its_shape_stays_whole() -> None:
         ((0.0, 0.1), (left, touching), (1, 1)),
     ):
         parts = [[part] for part in zip(items, outs, strict=True)]
-        (first,), (second,) = fitted(parts, surfaces(parts))
+        (first,), (second,) = FittedItems.of(parts, surfaces(parts)).pieces
         assert (first.volume, second.volume) == pytest.approx(volumes)
     assert (first, second) == (left, touching)
 
@@ -419,13 +419,31 @@ def test_what_is_hollow_where_another_stands_is_divided() -> None:
     inside = block((0.4, 0.4, 0.4), (0.6, 0.6, 0.6))
     filled = [(block((0, 0, 0), (1, 1, 1)), 0.0)]
     parts = [filled, [(inside, 0.0)]]
-    sides, kept = fitted(parts, [walls, inside.triangles])
+    sides, kept = FittedItems.of(parts, [walls, inside.triangles]).pieces
     assert kept == [inside] and len(sides) > 5
     assert all(overlap(side, inside) < 2 * SHEET for side in sides)
     seen = walls.reshape(-1, 3)
     assert np.any([is_in(seen, side) for side in sides], axis=0).all()
     outside = block((2, 0, 0), (3, 1, 1))
-    assert fitted([filled, [(outside, 0.0)]], [walls, outside.triangles])[0] == [filled[0][0]]
+    apart = FittedItems.of([filled, [(outside, 0.0)]], [walls, outside.triangles])
+    assert apart.pieces[0] == [filled[0][0]]
+
+
+@pytest.mark.parametrize("corner", [(0.4, 0.4, 0.4), (0.93, 0.2, 0.2), (1.5, 0.0, 0.0)])
+def test_one_more_item_is_fitted_as_if_all_were_fitted_together(corner) -> None:
+    walls = np.concatenate([block(low, high).triangles for low, high in pan_sides()])
+    near = block((0.995, 0, 0), (1.4, 1, 1))
+    new = block(corner, np.array(corner) + 0.2)
+    items = [[(block((0, 0, 0), (1, 1, 1)), 0.0)], [(near, 0.1)], [(new, 0.1)]]
+    surfaces = [walls, near.triangles, new.triangles]
+    together = FittedItems.of(items, surfaces).pieces
+    before = FittedItems.of(items[:2], surfaces[:2])
+    kept = [list(own) for own in before.pieces]
+    after = before.with_one(items, new.triangles).pieces
+    for ours, theirs in zip(after, together, strict=True):
+        for one, other in zip(ours, theirs, strict=True):
+            assert np.array_equal(one.vertices, other.vertices)
+    assert before.pieces == kept
 
 
 def pan_sides() -> list[tuple[tuple[float, ...], tuple[float, ...]]]:

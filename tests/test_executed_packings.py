@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lxml import etree
+from PIL import Image
 from trimesh import creation, load_mesh
 
 from packit_sim import Box, Item, ItemType, ShapeLibrary
@@ -129,8 +130,12 @@ def test_a_replay_has_all_that_other_simulators_need(box: ExecutedPlan, tmp_path
 def test_the_command_line_executes_packings(tmp_path: Path) -> None:
     file = written(tmp_path, {"first": POSES["first"]})
     out = tmp_path / "replay"
-    shown = packit("execute", str(file), "--decomposition", "bisection", "--replay", str(out))
+    film = tmp_path / "film.gif"
+    options = ("--decomposition", "bisection", "--replay", str(out), "--film", str(film))
+    shown = packit("execute", str(file), *options)
     assert "1.000" in shown and (out / "box-0" / "replay.json").is_file()
+    with Image.open(film) as opened:
+        assert opened.n_frames > 5
 
 
 def test_packings_that_no_arm_packs_are_refused(tmp_path: Path) -> None:

@@ -24,11 +24,13 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PlacedItem, PosedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.rotations import MATRICES
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.world import pybullet_module
+from packit_sim.render import robot_films
 from packit_sim.robot.arm import Route
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import RobotCell, SuctionGripper
@@ -40,6 +42,7 @@ from packit_sim.robot.measures import measures
 from packit_sim.robot.motion import straight
 from packit_sim.robot.panda import panda_model
 from packit_sim.robot.paths import find_path
+from packit_sim.robot.presentation import turn_at_pick
 from packit_sim.robot.robot_box import RobotBox
 from packit_sim.robot.trajectory import Trajectory
 from packit_sim.robot.world import ArmWorld
@@ -64,6 +67,7 @@ def block(x: float, y: float, z: float) -> Item:
     return Item(shape, (math.hypot(x, y, z) / 100) ** 3)
 
 
+TURNED = (block(20, 12, 8), block(12, 16, 10))
 ITEMS = (block(20, 12, 8), block(12, 16, 10), Item(BALL, 0.006))
 
 
@@ -112,6 +116,26 @@ def test_measures_follow_from_the_trajectory(box: RobotBox) -> None:
     assert found["collapses"] == found["failed grasps"] == found["no path"] == 0
     assert found["penetration"] < 0.001
     assert 5 < found["robot seconds"] < 12
+
+
+def test_a_film_shows_the_arm_and_each_item_once_it_is_presented(box: RobotBox) -> None:
+    trajectory = Trajectory.of(CELL, CELLS, box.placed)
+    shown, frames = robot_films.executing(trajectory, fps=2, speed=4.0)
+    taken = list(frames)
+    steps = sum(len(one.recording.joints) for one in box.placed)
+    assert abs(len(taken) - steps / 480) <= 3
+    visible = [sum(pose is not None for pose in layout.poses[:3]) for _, layout in taken]
+    assert visible[0] == 1 and visible[-1] == 3 and visible == sorted(visible)
+    _, last = taken[-1]
+    end = last.poses[0]
+    assert end is not None and np.allclose(end.matrix, box.placed[0].posed.pose.matrix, atol=1e-3)
+    column = shown.placed[5]  # after the items, the bridge and the trolley
+    high = last.poses[5]
+    assert high is not None and column.item.shape.category == "arm"
+    joints = box.placed[2].recording.joints
+    assert np.allclose(high.translation[:2], joints[len(joints) // 480 * 480, :2] / CELL.edge)
+    with pytest.raises(ArgumentError, match="fps 0 is not possible"):
+        robot_films.executing(trajectory, fps=0)
 
 
 def test_a_penetration_is_found() -> None:
@@ -175,6 +199,43 @@ def test_a_cup_holds_where_it_is_flat_near_the_centre_of_mass() -> None:
         if found is not None:
             top = Item(TILTED, 0.02, turn).mesh.vertices[:, 2].max()
             assert found.point[2] <= top + 1e-9
+
+
+@pytest.fixture(scope="module")
+def turned() -> RobotBox:
+    """Blocks that lie on other sides than those on which they are placed."""
+    return packed(replace(CELL, level=2), TURNED)
+
+
+def test_at_level_2_items_are_turned_in_the_air(turned: RobotBox) -> None:
+    arm = arm_of(turned.cell, CELLS)
+    for number, one in enumerate(turned.placed):
+        assert one.outcome is Outcome.PLACED and one.counts
+        assert one.displacement[0] < 0.004 and one.displacement[1] < 2
+        own = one.recording
+        first, last = (arm.poses(own.joints[step])[-1].rotation[:, 2] for step in own.held)
+        assert first[2] < 0.1 and last[2] > 1 - 1e-9  # from the side, straight down
+        mine = own.poses[own.rows[:, 1] == number]
+        assert abs(2 * np.arccos(abs(mine[0, 3:] @ mine[-1, 3:]))) > 1
+
+
+@pytest.mark.slow
+def test_a_tilted_tool_touches_nothing_by_its_trajectory(turned: RobotBox) -> None:
+    trajectory = Trajectory.of(turned.cell, CELLS, turned.placed)
+    shapes = {item.shape.id: item.shape for item in TURNED}
+    read = Trajectory.from_bytes(trajectory.to_bytes(), shapes.__getitem__)
+    assert read.digest == trajectory.digest
+    assert measures(read, TURNED)["penetration"] < 0.001
+
+
+def test_an_item_that_lies_on_its_head_is_not_gripped() -> None:
+    cell = replace(CELL, level=2)
+    item = block(20, 12, 8)
+    up = [item.turned(turn) for turn in (0, 4, 8, 12, 16, 20)]
+    tilts = [turn_at_pick(one, MATRICES[one.rotation], cell)[2, 2] for one in up]
+    found = [best_grasp(one, cell) is not None for one in up]
+    assert min(tilts) < -0.99 and max(tilts) > 0.99
+    assert found == [tilt > -0.02 for tilt in tilts]
 
 
 @pytest.fixture(scope="module")
@@ -342,7 +403,8 @@ def test_a_placement_that_topples_is_foreseen() -> None:
     box = RobotBox(CELLS, CELL)
     box.put(block(8, 8, 8), (0, 0, 0))
     before = box.snapshot()
-    assert box.disturbance(SLAB, (0, 0, 2)) > 1
+    whole = box.disturbance(SLAB, (0, 0, 2))
+    assert whole > 1 and 0.3 < box.disturbance(SLAB, (0, 0, 2), 0.3) < 1  # ends early
     assert box.disturbance(SLAB, (0, 2, 0)) < 0.1
     assert box.snapshot() == before
 
@@ -407,9 +469,11 @@ def test_items_and_boxes_that_do_not_go_are_refused_before_anything_is_simulated
         Episode(task_of(block(20, 20, 60), cells=(40, 40, 80)), heavy)
     with pytest.raises(ArgumentError, match="higher than the reach"):
         Episode(task_of(ITEMS[0], cells=(40, 40, 400)), Rules(robot=CELL))
-    for wrong in ({"level": 2}, {"edge": 0}, {"gripper": {"cups": ()}}):
+    for wrong in ({"level": 3}, {"edge": 0}, {"gripper": {"cups": ()}}):
         with pytest.raises(ArgumentError, match="is not possible"):
             Rules.from_json({"robot": wrong})
+    with pytest.raises(ArgumentError, match="level 2 is not possible for arm 'panda'"):
+        replace(CELL, arm="panda", level=2)
     with pytest.raises(ArgumentError, match="physics of its own"):
         Rules(robot=CELL, kinematic=True)
 

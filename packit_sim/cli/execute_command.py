@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -27,10 +27,17 @@ with lazy_imports():
     from packit_sim.cli import evaluations, inputs, output, terminal
     from packit_sim.core import parallel
     from packit_sim.game.datasets import pack_files
-    from packit_sim.game.evaluation import executed
+    from packit_sim.game.evaluation import executed, results
     from packit_sim.parts.results import execution
+    from packit_sim.render import films, robot_films, video
     from packit_sim.robot import cell as robot
     from packit_sim.robot import replays
+
+if TYPE_CHECKING:
+    from packit_sim.robot.trajectory import Trajectory
+
+FILM_FPS = 12
+"""Frames per second of a film, in which time runs four times as fast."""
 
 
 def execute_command(
@@ -57,7 +64,11 @@ def execute_command(
         typer.Option(help="gantry, panda, or a URDF file of a machine with the gantry's joints."),
     ] = "gantry",
     level: Annotated[
-        int, typer.Option(help="1: items are presented in the rotation of their placement.")
+        int,
+        typer.Option(
+            help="1: items are presented in the rotation of their placement; 2: in a random stable "
+            "pose, and the gantry turns them."
+        ),
     ] = 1,
     edge: Annotated[
         float | None,
@@ -99,6 +110,13 @@ def execute_command(
             "JSON, URDF and meshes."
         ),
     ] = None,
+    film: Annotated[
+        Path | None,
+        typer.Option(
+            help="Film of the first box, with the arm: .gif or .mp4. For agents it needs --out, "
+            "which keeps trajectories."
+        ),
+    ] = None,
     decomposition: DecompositionOption = METHODS[0],
     workers: WorkersOption = 0,
 ) -> None:
@@ -122,6 +140,8 @@ def execute_command(
         seed=seed,
         decomposition=DecompositionSettings(method=decomposition),
     )
+    if film is not None:
+        video.require(film)
     is_packing = dataset.endswith(".json")
     if is_packing or stored:
         what = "a packing" if is_packing else "not planned again"
@@ -146,11 +166,15 @@ def execute_command(
             for number, plan in enumerate(plans):
                 folder = replay / f"box-{number}"
                 output.print_written(replays.write_replay(plan.trajectory, folder))
+        if film is not None:
+            _film(plans[0].trajectory, film)
         return
     if replay is not None:
         raise ArgumentError(
             f"--replay has no effect on {dataset}: it is for packings (.json), and for --stored"
         )
+    if film is not None and out is None:
+        raise ArgumentError(f"--film {film} needs --out, which keeps the trajectories")
     checked_dataset(dataset)
     rules = packit_sim.Rules(robot=cell)
     agents = [
@@ -177,3 +201,12 @@ def execute_command(
     terminal.console.print(evaluations.execution_table(own))
     if out is not None:
         output.print_written(out)
+    if film is not None and out is not None:
+        _film(results.stored_trajectory(out, own[0][0], opened), film)
+
+
+def _film(trajectory: Trajectory, file: Path) -> None:
+    """Film how the arm packed a box."""
+    box, frames = robot_films.executing(trajectory, fps=FILM_FPS)
+    video.write(file, films.shot(box, frames), FILM_FPS)
+    output.print_written(file)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from packit_sim.core.caches import cached_property
+from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import AtPose, Contents, ItemInBox, PosedItem, triangles
@@ -15,10 +15,13 @@ from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
-from packit_sim.physics.convex.fitting import MeasuredPiece, fitted
+from packit_sim.physics.convex.fitting import FittedItems, MeasuredPiece
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS_AND_FLOOR, World
+
+FITTED_BUDGET = 5_000
+"""Cached pieces of items that are fitted together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,7 @@ class SettledItem(AtPose):
     @cached_property
     def farthest(self) -> float:
         """Largest distance by which a point of its mesh moved, in box units."""
-        return _farthest(self.start.vertices, self.move.apply(self.start.vertices))
+        return farthest(self.start.vertices, self.move.apply(self.start.vertices))
 
     @property
     def rotation(self) -> float:
@@ -76,7 +79,7 @@ class SettledItem(AtPose):
     @cached_property
     def drift(self) -> float:
         """Largest distance of a point of its mesh from where it landed, in box units."""
-        return np.inf if self.landed is None else _farthest(self.landed.vertices, self.vertices)
+        return np.inf if self.landed is None else farthest(self.landed.vertices, self.vertices)
 
     @property
     def counts(self) -> bool:
@@ -158,7 +161,7 @@ def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) ->
     settings = settings or PhysicsSettings()
     items, cut = fitted_pieces(box.placed, settings)
     with World(_size(box), settings) as world:
-        free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
+        free = [world.add(*both) for both in zip(items, masses(box, settings), strict=True)]
         return _simulate(world, box, cut, free, [])
 
 
@@ -189,7 +192,7 @@ def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = Non
     items, cut = fitted_pieces(box.placed, settings)
     with World(_size(box), settings) as world:
         fixed = [world.add(pieces, 0.0) for pieces in items]
-        free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
+        free = [world.add(*both) for both in zip(items, masses(box, settings), strict=True)]
         for n, one in enumerate(free):
             for other in (*free[:n], *fixed[n:]):
                 world.ignore(one, other)
@@ -200,11 +203,11 @@ def _size(box: Contents[ItemInBox]) -> Floats:
     return np.array(box.cells) * CELL
 
 
-def _masses(box: Contents[ItemInBox], settings: PhysicsSettings) -> list[float]:
+def masses(box: Contents[ItemInBox], settings: PhysicsSettings) -> list[float]:
     """Compute the mass of each item, in kg."""
-    masses = [p.item.volume * settings.side**3 * settings.density for p in box.placed]
-    least = settings.min_mass_ratio * max(masses, default=0.0)
-    return [max(mass, least) for mass in masses]
+    found = [p.item.volume * settings.side**3 * settings.density for p in box.placed]
+    least = settings.min_mass_ratio * max(found, default=0.0)
+    return [max(mass, least) for mass in found]
 
 
 def fitted_pieces(
@@ -224,15 +227,34 @@ def fitted_pieces(
     cut : float
         The share of their volume that is cut off.
     """
-    whole = [
-        _parts(placed, decompose(placed.item.shape, settings.decomposition)) for placed in items
-    ]
+    whole = _whole(items, settings)
     if not settings.fitted:
         return [[piece for piece, _ in parts] for parts in whole], 0.0
-    pieces = fitted(whole, [triangles(p) for p in items])
-    before = plain_sum(piece.volume for parts in whole for piece, _ in parts)
+    if not items:
+        return [], 0.0
+    *before, last = items
+    known = _fitted(tuple(before), settings)
+    pieces = known.with_one(whole, triangles(last)).pieces
+    volume = plain_sum(piece.volume for parts in whole for piece, _ in parts)
     after = plain_sum(piece.volume for own in pieces for piece in own)
-    return pieces, 1 - after / before if items else 0.0
+    return pieces, 1 - after / volume
+
+
+@bounded_cache(
+    "fitted",
+    FITTED_BUDGET,
+    "pieces",
+    size=lambda known: sum(map(len, known.divided)),
+    key=lambda items, settings: (items, settings.decomposition),
+)
+def _fitted(items: tuple[ItemInBox, ...], settings: PhysicsSettings) -> FittedItems:
+    """Fit the items among which one more is released: often several, one after the other."""
+    return FittedItems.of(_whole(items, settings), [triangles(placed) for placed in items])
+
+
+def _whole(items: Sequence[ItemInBox], settings: PhysicsSettings) -> list[list[MeasuredPiece]]:
+    """Return the pieces of items where they are, before they are fitted."""
+    return [_parts(one, decompose(one.item.shape, settings.decomposition)) for one in items]
 
 
 def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[MeasuredPiece]:
@@ -273,7 +295,7 @@ def _simulate(
     return Settled(tuple(items), size, seconds, at_rest, (energy, world.energy), cut)
 
 
-def _farthest(before: Floats, after: Floats) -> float:
+def farthest(before: Floats, after: Floats) -> float:
     """Compute the largest distance between points (n, 3) before and after."""
     return float(np.linalg.norm(after - before, axis=1).max())
 

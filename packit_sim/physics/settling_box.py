@@ -8,6 +8,7 @@ enough to restore it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,8 +19,9 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item
+from packit_sim.physics.foresight import foreseen_movement
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
-from packit_sim.physics.settling import Settled, SettledItem, settle
+from packit_sim.physics.settling import Settled, SettledItem, farthest, settle
 from packit_sim.placement import Occupancy, checked_location
 
 
@@ -95,9 +97,12 @@ class SettlingBox(BaseBox[SettledItem]):
         self._occupancy = occupancy
         return settled
 
-    def disturbance(self, item: Item, location: Sequence[int]) -> float:
-        settled = self._released(PlacedItem(item, checked_location(self.cells, location)))
-        return max(one.farthest for one in settled.items) / DISTANCE
+    def disturbance(self, item: Item, location: Sequence[int], limit: float = math.inf) -> float:
+        def movement(before: PosedItem, after: PosedItem) -> float:
+            return farthest(before.vertices, after.vertices) / DISTANCE
+
+        start = self._with(PlacedItem(item, checked_location(self.cells, location)))
+        return foreseen_movement(start, self.settings, movement, limit)
 
     def put(self, item: Item, location: Sequence[int]) -> float:
         before = self.counted
@@ -106,11 +111,15 @@ class SettlingBox(BaseBox[SettledItem]):
 
     def _released(self, candidate: PlacedItem) -> Settled:
         """Let all items settle after an item was added."""
-        start = (*(before.posed for before in self.placed), PosedItem.of(candidate))
-        settled = settle(BoxState(self.cells, start), self.settings)
+        settled = settle(self._with(candidate), self.settings)
         landed = [*(before.landed for before in self.placed), None]
         items = (
             replace(after, landed=first or after.landed)
             for after, first in zip(settled.items, landed, strict=True)
         )
         return replace(settled, items=tuple(items))
+
+    def _with(self, candidate: PlacedItem) -> BoxState[PosedItem]:
+        """Return the items where they are, and one more."""
+        before = (settled.posed for settled in self.placed)
+        return BoxState(self.cells, (*before, PosedItem.of(candidate)))

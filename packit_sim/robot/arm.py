@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,9 +15,6 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.robot.cell import Cells
 
-TUBE = 0.005
-"""Side of the square tube that carries a cup, m: its corners are inside the smallest cup."""
-
 CUP = 0.010
 """Height of a cup, m."""
 
@@ -28,17 +26,21 @@ STATION_REACH = 0.10
 class ToolPath:
     """Points through which the tool passes while it moves one item, in this order.
 
-    Each point is an array (4,): the middle of the cup's face, in m, and the angle about
-    the vertical of the item, in radians. The first is above the station.
+    Each point is an array (5,): the middle of the cup's face, in m, the angle about the vertical of
+    the item, and the tilt of the tool towards there, in radians. The first is above the station,
+    the last of `approach` where it grips the item.
     """
 
-    home: Floats
-    over_pick: Floats
-    pick: Floats
+    approach: Sequence[Floats]
     lifted: Floats
     over_place: Floats
     place: Floats
     retreat: Floats
+
+    @property
+    def pick(self) -> Floats:
+        """Where the tool grips the item."""
+        return self.approach[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,15 @@ class Route:
         if steps > self.lifted:
             back = self.carry[self.lifted : steps][::-1]
         return np.concatenate((back, self.abandon))
+
+
+def tool_rotation(yaw: float, tilt: float) -> Floats:
+    """Return the rotation (3, 3) of a tool that is tilted, and then turned about the vertical."""
+    across = np.array((-math.sin(yaw), math.cos(yaw), 0.0))
+    axis = np.array(
+        (math.cos(yaw) * math.sin(tilt), math.sin(yaw) * math.sin(tilt), math.cos(tilt))
+    )
+    return np.column_stack((np.cross(across, axis), across, axis))
 
 
 def with_cup(urdf: str, radius: float) -> str:

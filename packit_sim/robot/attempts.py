@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import trimesh
 
 from packit_sim import placement
@@ -14,8 +15,9 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.robot.arm import Arm
 from packit_sim.robot.cell import Cells, RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, Outcome
-from packit_sim.robot.execution import Execution, execute, presented, tool_path
+from packit_sim.robot.execution import Execution, execute, tool_path
 from packit_sim.robot.grasps import best_grasp, grasp_off_the_grid
+from packit_sim.robot.presentation import presented
 from packit_sim.robot.recording import Recording
 
 
@@ -62,7 +64,7 @@ def attempt(
         route = arm.route(path, _load(aside, cell), (cell.seed, number))
     if grasp is None or route is None:
         outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH
-        done = Execution(outcome, (*actual, aside), Recording())
+        done = Execution(outcome, (*actual, aside), Recording(np.empty((0, cell.joints))))
     else:
         done = execute(
             actual,

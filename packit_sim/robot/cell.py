@@ -31,6 +31,12 @@ STATION_SIDE = 0.15
 """Metres from the outside of the wall to the middle of the station, and twice that for the longest
 item."""
 
+TUBE = 0.005
+"""Side of the square tube that carries a cup, m: its corners are inside the smallest cup."""
+
+TILTED_TOOL = 0.10
+"""Metres from the axis about which the gantry tilts its tool at level 2 to the cup's face."""
+
 PANDA = "panda"
 """The name of the arm with seven joints."""
 
@@ -128,6 +134,7 @@ class RobotCell:
         The gripper.
     level : int
         1: an item is presented in the rotation of its placement, at a random yaw and position.
+        2: in a random stable pose, so that it has to be turned in the air, by the gantry alone.
     reachable : bool
         Whether masks have only placements that the gripper can hold and that can be reached
         straight from above.
@@ -158,10 +165,10 @@ class RobotCell:
     >>> cell = RobotCell(edge=0.4)
     >>> round(cell.gripper.payload(0.016), 2)  # kg
     2.46
-    >>> RobotCell(level=2)
+    >>> RobotCell(level=3)
     Traceback (most recent call last):
         ...
-    packit_sim.core.errors.ArgumentError: level 2 is not possible: 1, items are presented as placed
+    packit_sim.core.errors.ArgumentError: level 3 is not possible: 1 or 2
     """
 
     arm: str = "gantry"
@@ -185,13 +192,17 @@ class RobotCell:
             edge=Range(0.01, 10.0),
             density=Range(1.0, 30_000.0),
             friction=Range(0.0, 10.0),
-            level=(self.level == 1, "1, items are presented as placed"),
+            level=(self.level in (1, 2), "1 or 2"),
             seed=Range(0, 2**63 - 1),
             speed=POSITIVE,
             acceleration=POSITIVE,
             clearance=Range(0.001, 1.0),
             gap=Range(0.0001, 0.02),
         )
+        if self.level == 2 and self.arm != "gantry":
+            raise ArgumentError(
+                f"level 2 is not possible for arm {self.arm!r}: only gantry turns items in the air"
+            )
 
     @property
     def world(self) -> PhysicsSettings:
@@ -207,7 +218,7 @@ class RobotCell:
     @property
     def joints(self) -> int:
         """The number of the arm's joints."""
-        return 7 if self.arm == PANDA else 4
+        return 7 if self.arm == PANDA else 3 + self.level
 
     def size(self, cells: Cells) -> Floats:
         """Return the inner extents (3,) of a box in m."""
@@ -224,6 +235,8 @@ class RobotCell:
             return np.array((x, y + STANCE, 0.0))
         x, y, _ = self.size(cells)
         longest = 0.5 * float(max(self.size(cells)))
+        if self.level == 2:
+            longest += TILTED_TOOL  # the tool comes from all sides
         return np.array((x / 2, y + WALL * self.edge + STATION_SIDE + longest, 0.0))
 
     def foot(self, cells: Cells) -> tuple[float, float]:

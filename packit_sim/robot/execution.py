@@ -13,19 +13,19 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.settling import fitted_pieces
-from packit_sim.robot.arm import Arm, Route, ToolPath
-from packit_sim.robot.cell import Cells, RobotCell
+from packit_sim.robot.arm import Arm, Route, ToolPath, tool_rotation
+from packit_sim.robot.cell import TILTED_TOOL, Cells, RobotCell
 from packit_sim.robot.executed_item import Outcome
 from packit_sim.robot.grasps import Grasp
 from packit_sim.robot.recording import MOVED, Recording
 from packit_sim.robot.world import ArmWorld
 
-JITTER = 0.05
-"""Metres by which the position of an item at the station varies."""
-
 _RISING_STEPS = 12
 """Time steps after a release from which the arm collides with items: by then the cup has risen from
 the item's convex pieces, which are thicker than its mesh."""
+
+_DIP = 0.25 * TILTED_TOOL
+"""Metres by which a cup goes down at most while the tool is turned on a straight move."""
 
 _CHECK_STEPS = 10
 """Time steps between two checks whether everything rests."""
@@ -48,31 +48,6 @@ class Execution:
     outcome: Outcome
     posed: tuple[PosedItem, ...]
     recording: Recording
-
-
-def presented(planned: PosedItem, cell: RobotCell, cells: Cells, number: int) -> PosedItem:
-    """Return where the station presents an item: in its rotation, at a random yaw and position.
-
-    Parameters
-    ----------
-    planned : PosedItem
-        Where it is to be released.
-    number : int
-        The number of items that were tried before: it chooses the random numbers.
-
-    Returns
-    -------
-    PosedItem
-        The item on the table.
-    """
-    rng = np.random.default_rng((cell.seed, number))
-    yaw = rng.uniform(-math.pi, math.pi)
-    x, y = (cell.station(cells)[:2] + rng.uniform(-JITTER, JITTER, 2)) / cell.edge
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    turn = Motion(np.array(((cosine, -sine, 0), (sine, cosine, 0), (0, 0, 1))))
-    bottom = float(planned.center[2] - planned.vertices[:, 2].min())
-    about = turn.at(np.array((x, y, bottom)) - turn.direction(planned.center))
-    return planned.moved(about)
 
 
 def execute(
@@ -155,6 +130,8 @@ def tool_path(
 ) -> ToolPath:
     """Compute where the tool passes: straight up, over the rim and what protrudes, straight down.
 
+    At level 2 the tool comes along its axis, tilted, and is turned above the rim.
+
     Parameters
     ----------
     before : sequence of PosedItem
@@ -172,7 +149,12 @@ def tool_path(
         Where the tool passes.
     """
     turn = start.pose.rotation @ planned.pose.rotation.T
-    yaw = math.atan2(turn[1, 0], turn[0, 0])
+    axis, tilt = turn[:, 2], math.acos(min(float(turn[2, 2]), 1.0)) if cell.level == 2 else 0.0
+    yaw, released = math.atan2(turn[1, 0], turn[0, 0]), 0.0
+    if tilt:
+        yaw = math.atan2(axis[1], axis[0])
+        left = turn.T @ tool_rotation(yaw, tilt)  # the yaw of the tool where it is vertical
+        released = yaw + math.remainder(math.atan2(left[1, 0], left[0, 0]) - yaw, 2 * math.pi)
     point = np.array(grasp.point)
     pick = (start.center + turn @ point) * cell.edge
     place = (planned.center + point) * cell.edge
@@ -180,21 +162,26 @@ def tool_path(
     tops = [float(posed.vertices[:, 2].max()) * cell.edge for posed in before]
     rim = max([float(cell.size(cells)[2]), *tops])
     height = float(start.vertices[:, 2].max()) * cell.edge
-    above = np.array((0.0, 0.0, 1.0))
-    over_pick = pick + above * (height + cell.clearance - pick[2])
+    surface = start.vertices * cell.edge - pick
     carried = rim + cell.clearance + pick[2]
-    lifted = pick + above * (carried - pick[2])
-    over_place = place + above * (carried - place[2])
-    home = np.append(cell.station(cells) + above * carried, yaw)
+    over_pick = _raised(pick, height + cell.clearance)
+    approach = [over_pick]
+    if tilt:  # beside the item on the tool's axis, and from there along it
+        carried = rim + cell.clearance + float(np.linalg.norm(surface, axis=1).max()) + _DIP
+        beside = pick + axis * (float((surface @ axis).max()) + cell.clearance)
+        approach = [_raised(beside, carried), beside]
+    home = _raised(cell.station(cells), carried)
     return ToolPath(
-        home,
-        np.append(over_pick, yaw),
-        np.append(pick, yaw),
-        np.append(lifted, yaw),
-        np.append(over_place, 0.0),
-        np.append(place, 0.0),
-        np.append(place + above * (rim + cell.clearance - place[2]), 0.0),
+        [np.append(one, (yaw, tilt)) for one in (home, *approach, pick)],
+        np.append(_raised(pick, carried), (yaw, tilt)),
+        np.append(_raised(place, carried), (released, 0.0)),
+        np.append(place, (released, 0.0)),
+        np.append(_raised(place, rim + cell.clearance), (released, 0.0)),
     )
+
+
+def _raised(point: Floats, height: float) -> Floats:
+    return np.array((point[0], point[1], height))
 
 
 def composed(frames: Floats, motion: Motion) -> Floats:

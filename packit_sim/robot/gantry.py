@@ -1,7 +1,11 @@
-"""The gantry, an ideal machine of three axes and a wrist, and others of its kind from URDF."""
+"""The gantry, an ideal machine of three axes and a wrist, and others of its kind from URDF.
+
+At level 2 it also tilts its tool.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,9 +20,10 @@ from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.files import naming
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import IDENTITY, Motion
-from packit_sim.robot.arm import CUP, STATION_REACH, TUBE, Arm, Route, ToolPath
-from packit_sim.robot.cell import Cells, RobotCell
+from packit_sim.robot.arm import CUP, STATION_REACH, Arm, Route, ToolPath, tool_rotation
+from packit_sim.robot.cell import TILTED_TOOL, TUBE, Cells, RobotCell
 from packit_sim.robot.motion import straight
+from packit_sim.robot.presentation import JITTER
 
 KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 """The joints from the base to the tool of an arm that is driven: x, y, z and a wrist."""
@@ -37,23 +42,39 @@ def _link(name: str, mass: float, size: tuple[float, float, float], at: float) -
     )
 
 
-def _joint(name: str, kind: str, links: tuple[str, str], axis: str, low: float, high: float) -> str:
+def _joint(
+    name: str,
+    kind: str,
+    links: tuple[str, str],
+    axis: str,
+    low: float,
+    high: float,
+    height: float = 0.0,
+) -> str:
     parent, child = links
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 {height}"/>'
         f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="1000" velocity="2"/>'
         "</joint>"
     )
 
 
+def _bridge(low: float) -> str:
+    """Return two axes that move a trolley; along x from a coordinate on."""
+    return (
+        '<robot name="gantry">'
+        + _link("base", 10.0, (0, 0, 0), 0)
+        + _joint("x", "prismatic", ("base", "bridge"), "1 0 0", low, 1.0)
+        + _link("bridge", 5.0, (0.06, 2.4, 0.06), 1.56)
+        + _joint("y", "prismatic", ("bridge", "trolley"), "0 1 0", -0.1, 1.5)
+        + _link("trolley", 5.0, (0.10, 0.10, 0.08), 1.48)
+    )
+
+
 GANTRY = "".join(
     (
-        '<robot name="gantry">',
-        _link("base", 10.0, (0, 0, 0), 0),
-        _joint("x", "prismatic", ("base", "bridge"), "1 0 0", -0.1, 1.0),
-        _link("bridge", 5.0, (0.06, 2.4, 0.06), 1.56),
-        _joint("y", "prismatic", ("bridge", "trolley"), "0 1 0", -0.1, 1.5),
-        _link("trolley", 5.0, (0.10, 0.10, 0.08), 1.48),
+        _bridge(-0.1),
         _joint("z", "prismatic", ("trolley", "column"), "0 0 1", 0.0, 1.0),
         _link("column", 2.0, (TUBE, TUBE, 1.5 - CUP), 0.75 + CUP / 2),
         _joint("wrist", "revolute", ("column", "tool"), "0 0 1", -6.3, 6.3),
@@ -63,17 +84,34 @@ GANTRY = "".join(
 )
 """The ideal machine: three axes and a wrist; the tool's origin is the face of the cup."""
 
+TILTING_GANTRY = "".join(
+    (
+        _bridge(-0.5),
+        _joint("z", "prismatic", ("trolley", "column"), "0 0 1", -0.15, 1.2),
+        _link("column", 2.0, (TUBE, TUBE, 1.5 - TILTED_TOOL), 0.75 + TILTED_TOOL / 2),
+        _joint("wrist", "revolute", ("column", "head"), "0 0 1", -6.3, 6.3, TILTED_TOOL),
+        _link("head", 0.2, (0, 0, 0), 0),
+        _joint("tilt", "revolute", ("head", "tube"), "0 1 0", 0.0, 1.6),
+        _link("tube", 0.2, (TUBE, TUBE, TILTED_TOOL - CUP), (CUP - TILTED_TOOL) / 2),
+        '<joint name="tip" type="fixed"><parent link="tube"/><child link="tool"/>'
+        f'<origin xyz="0 0 {-TILTED_TOOL}"/></joint>',
+        _link("tool", 0.2, (0, 0, 0), 0),
+        "</robot>",
+    )
+)
+"""The machine of level 2: below the wrist, an axis tilts the tool."""
+
 
 @dataclass(frozen=True, eq=False)
 class Gantry(Arm):
-    """An arm that moves its tool along x, y and z, and turns it about z.
+    """An arm that moves its tool along x, y and z, and turns it about z; ours of level 2 tilts it.
 
     Attributes
     ----------
     cell : RobotCell
         The cell.
     low, high : tuple of float
-        The limits of its four joints, in m and radians.
+        The limits of its joints, in m and radians.
     movers : tuple of int
         The number of the last joint that moves each body.
     """
@@ -106,7 +144,7 @@ class Gantry(Arm):
             If there is no such file, or its URDF has no joints, or other ones.
         """
         if cell.arm == "gantry":
-            return cls.read(GANTRY, cell)
+            return cls.read(GANTRY if cell.level == 1 else TILTING_GANTRY, cell)
         path = Path(cell.arm)
         with naming(path):
             text = path.read_text()
@@ -123,9 +161,10 @@ class Gantry(Arm):
             found = tuple(str(one.get("type")) for one in joints)
             if not found:
                 raise ArgumentError("the URDF has no joints that move: an arm needs some")
-            if found != KINDS:
+            kinds = KINDS if cell.level == 1 else (*KINDS, "revolute")
+            if found != kinds:
                 raise ArgumentError(
-                    f"the URDF has the joints {', '.join(found)}: this needs {', '.join(KINDS)}"
+                    f"the URDF has the joints {', '.join(found)}: this needs {', '.join(kinds)}"
                 )
             limits = [one.find("limit").attrib for one in joints]
             low, high = (tuple(float(one[end]) for one in limits) for end in ("lower", "upper"))
@@ -141,10 +180,20 @@ class Gantry(Arm):
     def poses(self, joints: Floats) -> list[Motion]:
         """Return where the bodies are, in m, and last the tool."""
         moved = [Motion.shift(np.where(np.arange(3) <= n, joints[:3], 0.0)) for n in self.movers]
-        return [*moved, Motion.shift(joints[:3])]
+        if self.cell.level == 1:
+            return [*moved, Motion.shift(joints[:3])]
+        turn = tool_rotation(*joints[3:].tolist())
+        axis = joints[:3] + np.array((0.0, 0.0, TILTED_TOOL))
+        moved[self.movers.index(len(KINDS))] = Motion(turn, axis)
+        return [*moved, Motion(turn, axis - TILTED_TOOL * turn[:, 2])]
 
     def check(self, cells: Cells, longest: float) -> None:
         cell, size, station = self.cell, self.cell.size(cells), self.cell.station(cells)
+        around, low = STATION_REACH, np.zeros(2)
+        if cell.level == 2:  # it comes from all sides, and turns items about the cup
+            longest *= math.sqrt(3)
+            around = JITTER + longest + cell.clearance + TILTED_TOOL
+            low = np.minimum(station[:2] - around, 0.0)
         highest = float(size[2]) + 2 * cell.clearance + longest
         if highest > self.high[2]:
             raise ArgumentError(
@@ -153,7 +202,7 @@ class Gantry(Arm):
                 f"{self.high[2]:.3g} m"
             )
         for axis, name in enumerate("xy"):
-            need = 0.0, max(float(size[axis]), float(station[axis]) + STATION_REACH)
+            need = float(low[axis]), max(float(size[axis]), float(station[axis]) + around)
             if need[0] < self.low[axis] or need[1] > self.high[axis]:
                 raise ArgumentError(
                     f"arm {cell.arm!r} can't reach the box and the station: along {name} they are "
@@ -162,19 +211,27 @@ class Gantry(Arm):
                 )
 
     def route(self, path: ToolPath, load: trimesh.Trimesh, seed: Sequence[int]) -> Route:
-        """Plan straight moves: its joints are those of the path."""
+        """Plan straight moves of its joints between those of the path."""
         up = self._timed(path.pick, path.lifted)
         return Route(
-            start=path.home,
-            approach=self._timed(path.home, path.over_pick, path.pick),
+            start=self._joints(path.approach[0]),
+            approach=self._timed(*path.approach),
             carry=np.concatenate((up, self._timed(path.lifted, path.over_place, path.place))),
             leave=self._timed(path.place, path.retreat),
             lifted=len(up),
-            abandon=np.empty((0, len(KINDS))),
+            abandon=np.empty((0, self.cell.joints)),
         )
 
     def _timed(self, *points: Floats) -> Floats:
-        return np.concatenate([straight(*ends, self.cell) for ends in pairwise(points)])
+        ends = pairwise(map(self._joints, points))
+        return np.concatenate([straight(*both, self.cell) for both in ends])
+
+    def _joints(self, point: Floats) -> Floats:
+        """Return the joints with which the tool is at a point of a path."""
+        if self.cell.level == 1:
+            return point[: len(KINDS)]
+        axis = tool_rotation(*point[3:].tolist())[:, 2]
+        return np.append(point[:3] + TILTED_TOOL * (axis - np.array((0.0, 0.0, 1.0))), point[3:])
 
 
 def _boxes(link: Any, children: list[str]) -> list[tuple[int, trimesh.Trimesh]]:

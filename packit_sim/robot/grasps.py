@@ -6,17 +6,29 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem, triangles
 from packit_sim.geometry.rotations import MATRICES
 from packit_sim.geometry.shapes import Item
-from packit_sim.robot.cell import GRAVITY, RobotCell, SuctionGripper
+from packit_sim.robot.cell import GRAVITY, TILTED_TOOL, TUBE, RobotCell
 from packit_sim.robot.height_kernels import flat_discs, top_heights
+from packit_sim.robot.presentation import turn_at_pick
 
 GRASPS_BUDGET = 50_000
 """Cached answers about items in a rotation."""
+
+MAX_TILT = 91.0
+"""Largest angle between the tool of level 2 and the vertical, degrees: items need not lie exactly
+on their sides."""
+
+_ABOVE_TABLE = 0.003
+"""Metres between a tilted cup and the table."""
+
+_TILTS = 5
+"""Tilts at which the weight's moment is bounded."""
 
 _POINTS = 4
 """Points of the surface that are sampled along the radius of a cup."""
@@ -62,9 +74,15 @@ def best_grasp(item: Item, cell: RobotCell) -> Grasp | None:
     above in the disc below the cup is within the compliance of a plane, if that plane is not
     tilted more than the gripper allows, and if the weight's moment about the cup is less than the
     vacuum's about its rim, with the same safety as the payload.
+
+    At level 2 the same place holds the item where it is presented, in another rotation: the tool is
+    tilted by at most `MAX_TILT` there, the cup is above the table, and no part of the item is so
+    far above the cup's face that it could meet what carries the tool. The moment is bounded for all
+    tilts in between.
     """
     side = item.turned(item.rotation - item.rotation % 4)
-    found = _grasp_on_a_side(side, (cell.edge, cell.density, cell.gripper))
+    at_level_1 = RobotCell(edge=cell.edge, density=cell.density, gripper=cell.gripper)
+    found = _grasp_on_a_side(side, at_level_1 if cell.level == 1 else cell)
     if found is None:
         return None
     x, y, z = (MATRICES[item.rotation] @ MATRICES[side.rotation].T @ found.point).tolist()
@@ -75,26 +93,34 @@ def grasp_off_the_grid(posed: PosedItem, cell: RobotCell) -> Grasp | None:
     """Find where to hold an item at a pose, in any rotation, as `best_grasp`."""
     center = posed.pose.direction(center_of_mass(posed.item.turned(0)))
     surface = triangles(posed) - posed.center
-    return _grasp(surface, center, posed.item.volume, cell.edge, cell.density, cell.gripper)
+    turn = turn_at_pick(posed.item, posed.pose.rotation, cell)
+    return _grasp(surface, center, posed.item.volume, cell, turn)
 
 
 @bounded_cache(
-    "grasps", GRASPS_BUDGET, "answers", size=lambda grasp: 1, key=lambda item, how: (item.key, how)
+    "grasps",
+    GRASPS_BUDGET,
+    "answers",
+    size=lambda grasp: 1,
+    key=lambda item, cell: (item.key, cell),
 )
-def _grasp_on_a_side(item: Item, how: tuple[float, float, SuctionGripper]) -> Grasp | None:
+def _grasp_on_a_side(item: Item, cell: RobotCell) -> Grasp | None:
     surface = np.asarray(item.mesh.triangles, dtype=np.float64)
-    return _grasp(surface, center_of_mass(item), item.volume, *how)
+    turn = turn_at_pick(item, MATRICES[item.rotation], cell)
+    return _grasp(surface, center_of_mass(item), item.volume, cell, turn)
 
 
 def _grasp(
     surface: Floats,
     center: Floats,
     volume: float,
-    edge: float,
-    density: float,
-    gripper: SuctionGripper,
+    cell: RobotCell,
+    turn: Floats,
 ) -> Grasp | None:
-    cell = RobotCell(edge=edge, density=density, gripper=gripper)
+    """Find a place on triangles (n, 3, 3), which `turn` rotates to where they are presented."""
+    gripper = cell.gripper
+    if turn[2, 2] < math.cos(math.radians(MAX_TILT)):
+        return None
     low, high = surface.min(axis=(0, 1))[:2], surface.max(axis=(0, 1))[:2]
     weight = cell.mass(volume) * GRAVITY
     for radius in sorted(gripper.cups, reverse=True):
@@ -110,6 +136,11 @@ def _grasp(
         away = np.linalg.norm(low + points * spacing - center[:2], axis=1)
         arm = gripper.force(radius) * own / (gripper.safety * weight)
         near = np.argsort(away, kind="stable")
+        if cell.level == 2:
+            x, y = points.T
+            places = np.column_stack((low + points * spacing, heights[x, y]))
+            is_held = _is_held_while_turned(places, surface, center, arm, own, cell, turn)
+            near = near[is_held[near]]
         near = near[away[near] <= arm]
         slope = math.tan(math.radians(gripper.tilt))
         found = flat_discs(
@@ -121,6 +152,31 @@ def _grasp(
             at = (low + np.array((x, y)) * spacing).tolist()
             return Grasp((at[0], at[1], top), radius)
     return None
+
+
+def _is_held_while_turned(
+    places: Floats,
+    surface: Floats,
+    center: Floats,
+    arm: float,
+    radius: float,
+    cell: RobotCell,
+    turn: Floats,
+) -> npt.NDArray[np.bool_]:
+    """Decide which places (n, 3) on a surface hold an item from where it is presented, too.
+
+    arm: the longest arm of the weight. radius: of the cup, in box units.
+    """
+    up = turn[2]  # the vertical where it is presented
+    sine = math.hypot(up[0], up[1])
+    above_table = places @ up - (surface @ up).min() - radius * sine
+    beyond = surface[..., 2].max() - places[:, 2]
+    found = above_table * cell.edge > _ABOVE_TABLE
+    found &= beyond * cell.edge < TILTED_TOOL - 2 * TUBE
+    for tilt in np.linspace(0.0, math.atan2(sine, up[2]), _TILTS):
+        vertical = np.append(up[:2] * (math.sin(tilt) / max(sine, 1e-12)), math.cos(tilt))
+        found &= np.linalg.norm(np.cross(center - places, vertical), axis=1) <= arm
+    return np.asarray(found)
 
 
 def center_of_mass(item: Item) -> Floats:

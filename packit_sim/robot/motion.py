@@ -12,7 +12,7 @@ from packit_sim.robot.cell import RobotCell
 WRIST = 4.0
 """Radians of the gantry's wrist that take as long as a metre of an axis."""
 
-_SCALES = np.array((1.0, 1.0, 1.0, 1 / WRIST))
+_SCALES = np.array((1.0, 1.0, 1.0, 1 / WRIST, 1 / WRIST))
 
 
 def straight(start: Floats, end: Floats, cell: RobotCell) -> Floats:
@@ -20,15 +20,15 @@ def straight(start: Floats, end: Floats, cell: RobotCell) -> Floats:
 
     Parameters
     ----------
-    start : ndarray of float64, shape (4,)
-        The joints x, y, z in m and the wrist in radians, as also in `end`.
+    start : ndarray of float64, shape (joints,)
+        The joints x, y, z in m, the wrist and perhaps the tilt in radians, as also in `end`.
 
     Returns
     -------
-    ndarray of float64, shape (n, 4)
+    ndarray of float64, shape (n, joints)
         The joints after each time step, the last ones at the end. Speed grows and falls evenly.
     """
-    length = float(np.linalg.norm((end - start) * _SCALES))
+    length = float(np.linalg.norm((end - start) * _SCALES[: len(start)]))
     if length == 0:
         return np.empty((0, len(start)))
     return np.asarray(start + (_gone(length, cell) / length)[:, None] * (end - start))

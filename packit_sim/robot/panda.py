@@ -26,8 +26,8 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.extras import MissingPackageError, needed_for
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
-from packit_sim.robot.arm import CUP, STATION_REACH, TUBE, Arm, Route, ToolPath
-from packit_sim.robot.cell import PANDA, WALL, Cells, RobotCell
+from packit_sim.robot.arm import CUP, STATION_REACH, Arm, Route, ToolPath
+from packit_sim.robot.cell import PANDA, TUBE, WALL, Cells, RobotCell
 from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
 from packit_sim.robot.motion import along
 from packit_sim.robot.paths import find_path

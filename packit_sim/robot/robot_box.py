@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from packit_sim.geometry.lattice import BOX_CELLS, ORIGIN, Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import require
-from packit_sim.physics.settling import settle
+from packit_sim.physics.foresight import foreseen_movement
 from packit_sim.physics.world import require_engine
 from packit_sim.placement import Mask, Occupancy, checked_location
 from packit_sim.robot.arms import arm_of
@@ -25,9 +25,6 @@ from packit_sim.robot.attempts import attempt, is_over
 from packit_sim.robot.cell import RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, movement
 from packit_sim.robot.grasps import best_grasp
-
-_FORESIGHT = 1.0
-"""Simulated seconds after a release in which a placement shows how much it disturbs."""
 
 
 class RobotBox(BaseBox[Any]):
@@ -128,19 +125,14 @@ class RobotBox(BaseBox[Any]):
         self._execute(candidate)
         return self._counted - before
 
-    def disturbance(self, item: Item, location: Sequence[int]) -> float:
+    def disturbance(self, item: Item, location: Sequence[int], limit: float = math.inf) -> float:
         planned = self._lowered(PlacedItem(item, checked_location(self.cells, location)))
         if self.cell.open_loop:
             others = [one.planned for one in self._tried]
         else:
             others = [one.posed for one in self._tried if is_over(self.cells, one.posed)]
-        starts = (*others, planned)
-        world = replace(self.cell.world, time_limit=_FORESIGHT)
-        settled = settle(BoxState(self.cells, starts), world)
-        return max(
-            movement(before, after.posed)
-            for before, after in zip(starts, settled.items, strict=True)
-        )
+        start = BoxState(self.cells, (*others, planned))
+        return foreseen_movement(start, self.cell.world, movement, limit)
 
     def snapshot(self) -> BoxState[ExecutedItem]:
         return BoxState(self.cells, self._tried)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -36,7 +37,8 @@ def choose_stable(found: Placements, feasible: Iterable[int], box: BaseBox[Any])
     disturbances: dict[int, float] = {}
     for number in itertools.islice(_by_loss(found, feasible), MAX_RELEASED):
         placed = found.placed(number)
-        disturbances[number] = box.disturbance(placed.item, placed.location)
+        limit = max(MAX_DISTURBANCE, min(disturbances.values(), default=math.inf))
+        disturbances[number] = box.disturbance(placed.item, placed.location, limit)
         if disturbances[number] < MAX_DISTURBANCE:
             return number
     return min(disturbances, key=disturbances.__getitem__, default=None)

@@ -12,7 +12,9 @@ from pathlib import Path
 
 from msgspec import structs
 
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import PackFormatError, PackItError, located
+from packit_sim.core.files import naming
+from packit_sim.game.datasets.execution_checks import trajectories_folder
 from packit_sim.game.datasets.pack_files import read_packs, write_packs
 from packit_sim.game.datasets.packs import ItemRecord, Pack
 from packit_sim.game.datasets.provenance import Improvement, Played
@@ -20,6 +22,7 @@ from packit_sim.game.datasets.result_checks import result_problems, task_of
 from packit_sim.game.episodes.episode import Episode
 from packit_sim.game.evaluation.executed import Executed
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.robot.trajectory import Trajectory
 from packit_sim.rules import End, Rules
 
 
@@ -293,3 +296,26 @@ def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
     1
     """
     write_packs(path, [rollout.pack for rollout in rollouts])
+
+
+def stored_trajectory(file: Path, rollout: Rollout, library: ShapeLibrary) -> Trajectory:
+    """Read the trajectory of a result that an arm packed.
+
+    Parameters
+    ----------
+    file : Path
+        The file of results.
+
+    Returns
+    -------
+    Trajectory
+        The trajectory.
+
+    Raises
+    ------
+    PackFormatError
+        If it is missing, or not a trajectory.
+    """
+    path = trajectories_folder(file) / f"{rollout.played.trajectory}.npz"
+    with naming(path), located(path, PackFormatError):
+        return Trajectory.from_bytes(path.read_bytes(), library.__getitem__)

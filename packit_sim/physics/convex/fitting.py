@@ -7,12 +7,14 @@ a cavity with an opening so narrow that voxels close it, and other items may be 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.caches import cached_property
 from packit_sim.geometry.arrays import Floats
 from packit_sim.physics.convex.pieces import Piece, clipped, meets
 
@@ -27,22 +29,17 @@ _HALVINGS = 5
 """Largest number of successive halvings of a piece that fills a cavity."""
 
 
-def fitted(
-    items: Sequence[Sequence[MeasuredPiece]], surfaces: Sequence[Floats]
-) -> list[list[Piece]]:
-    """Divide and cut the pieces of items so that no two of different items overlap.
+@dataclass(eq=False)
+class FittedItems:
+    """The pieces of items, divided and cut so that no two of different items overlap.
 
-    Parameters
+    Attributes
     ----------
-    items : Sequence[Sequence[MeasuredPiece]]
-        The pieces of each item, all in one frame, with their distances from the shapes.
-    surfaces : Sequence[ndarray]
+    divided : list of list of MeasuredPiece
+        The pieces of each item, all in one frame, with their distances from the shapes. Those in
+        which another item's surface is deep are replaced by smaller ones.
+    surfaces : sequence of ndarray
         Triangles (m, 3, 3) of each item.
-
-    Returns
-    -------
-    list[list[Piece]]
-        The pieces of each item. An item that would lose all of its pieces keeps all.
 
     Notes
     -----
@@ -52,35 +49,93 @@ def fitted(
     is divided in proportion to their distances from their shapes, so that a piece that does not
     protrude stays whole. A piece that is completely cut off is dropped.
     """
-    whole = _divided(items, surfaces)
-    kept = [list(parts) for parts in whole]
-    for one, other in combinations(range(len(kept)), 2):
-        _part(kept[one], kept[other])
-    return [[piece for piece, _ in own or all_of] for own, all_of in zip(kept, whole, strict=True)]
+
+    divided: list[list[MeasuredPiece]]
+    surfaces: Sequence[Floats]
+
+    @classmethod
+    def of(
+        cls, items: Sequence[Sequence[MeasuredPiece]], surfaces: Sequence[Floats]
+    ) -> FittedItems:
+        """Fit items, of which the pieces are as they were before they were divided."""
+        ends, numbers = _ends(surfaces), range(len(items))
+        divided = [_divided(items[n], n, surfaces, ends, numbers) for n in numbers]
+        return cls(divided, surfaces)
+
+    @cached_property
+    def pieces(self) -> list[list[Piece]]:
+        """The pieces of each item. An item that would lose all of its pieces keeps all."""
+        both = zip(self._cut, self.divided, strict=True)
+        return [[piece for piece, _ in own or all_of] for own, all_of in both]
+
+    def with_one(self, items: Sequence[Sequence[MeasuredPiece]], surface: Floats) -> FittedItems:
+        """Fit one more item: the result is the same as if all were fitted together.
+
+        Parameters
+        ----------
+        items : sequence of sequence of MeasuredPiece
+            The pieces of the items as they were before they were divided, and last the new one's.
+        surface : ndarray
+            Triangles (m, 3, 3) of the new item.
+
+        Returns
+        -------
+        FittedItems
+            All items.
+        """
+        surfaces, new = [*self.surfaces, surface], len(self.surfaces)
+        ends = _ends(surfaces)
+        divided = [
+            parts
+            if _divided(parts, n, surfaces, ends, (new,)) == parts
+            else _divided(items[n], n, surfaces, ends, range(new + 1))
+            for n, parts in enumerate(self.divided)
+        ]
+        divided.append(_divided(items[new], new, surfaces, ends, range(new)))
+        found = FittedItems(divided, surfaces)
+        if divided[:new] == self.divided:  # only what meets the new item is cut once more
+            found._cut = [*map(list, self._cut), list(divided[new])]
+            for parts in found._cut[:new]:
+                _part(parts, found._cut[new])
+        return found
+
+    @cached_property
+    def _cut(self) -> list[list[MeasuredPiece]]:
+        kept = [list(parts) for parts in self.divided]
+        for one, other in combinations(kept, 2):
+            _part(one, other)
+        return kept
+
+
+def _ends(surfaces: Sequence[Floats]) -> list[tuple[Floats, Floats]]:
+    return [(surface.min(axis=(0, 1)), surface.max(axis=(0, 1))) for surface in surfaces]
 
 
 def _divided(
-    items: Sequence[Sequence[MeasuredPiece]], surfaces: Sequence[Floats]
-) -> list[Sequence[MeasuredPiece]]:
-    """Replace the pieces of items in which another item's surface is deep by smaller ones."""
-    ends = [(surface.min(axis=(0, 1)), surface.max(axis=(0, 1))) for surface in surfaces]
-    found: list[Sequence[MeasuredPiece]] = []
-    for n, parts in enumerate(items):
-        (low, high), own = ends[n], surfaces[n]
-        others = [
-            surface[meets(surface, low, high)]
-            for other, surface in enumerate(surfaces)
-            if other != n and (ends[other][0] < high).all() and (ends[other][1] > low).all()
-        ]
-        foreign = np.concatenate([np.empty((0, 3, 3)), *others])
-        found.append([half for part in parts for half in _halves(part, own, foreign, _HALVINGS)])
-    return found
+    parts: Sequence[MeasuredPiece],
+    n: int,
+    surfaces: Sequence[Floats],
+    ends: Sequence[tuple[Floats, Floats]],
+    others: Iterable[int],
+) -> list[MeasuredPiece]:
+    """Replace the pieces of item n in which the surface of one of others is deep by smaller ones.
+
+    ends: the low and the high corner of each surface.
+    """
+    (low, high), own = ends[n], surfaces[n]
+    near = [
+        surfaces[other][meets(surfaces[other], low, high)]
+        for other in others
+        if other != n and (ends[other][0] < high).all() and (ends[other][1] > low).all()
+    ]
+    foreign = np.concatenate([np.empty((0, 3, 3)), *near])
+    return [half for part in parts for half in _halves(part, own, foreign, _HALVINGS)]
 
 
 def _halves(part: MeasuredPiece, own: Floats, foreign: Floats, left: int) -> list[MeasuredPiece]:
     """Return what replaces a piece. own, foreign: triangles of its item, and of others."""
     piece, out = part
-    low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
+    low, high = piece.ends
     foreign = foreign[meets(foreign, low, high)]
     inner = piece.planes + np.array((0, 0, 0, out + DEEP))
     if not len(foreign) or not len(clipped(foreign, inner)):
@@ -125,9 +180,9 @@ def _cut(piece: Piece, out: float, normal: Floats, offset: float) -> MeasuredPie
 def _near(ones: Sequence[MeasuredPiece], others: Sequence[MeasuredPiece]) -> npt.NDArray[np.bool_]:
     """Return bool (n, m): whether the bounding boxes of two pieces overlap."""
     low, high, other_low, other_high = (
-        np.array([end(piece.vertices, axis=0) for piece, _ in parts]).reshape(-1, 3)
+        np.array([piece.ends[end] for piece, _ in parts]).reshape(-1, 3)
         for parts in (ones, others)
-        for end in (np.min, np.max)
+        for end in (0, 1)
     )
     overlap = (low[:, None] < other_high) & (high[:, None] > other_low)
     return np.asarray(overlap.all(axis=2))

@@ -65,6 +65,11 @@ class Piece:
         return self.vertices[self.faces]
 
     @cached_property
+    def ends(self) -> tuple[Floats, Floats]:
+        """The low and the high corner of its bounding box, (3,) each."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+    @cached_property
     def planes(self) -> Floats:
         """Planes (k, 4) of the faces: unit normal and offset; normal @ p + offset <= 0 inside."""
         crosses = _crosses(self.triangles)
@@ -140,8 +145,7 @@ class MassProperties:
 
 def within(triangles: Floats, piece: Piece) -> Floats:
     """Return corners (n, 3) of the part of a surface, triangles (m, 3, 3), inside a piece."""
-    low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
-    return clipped(triangles[meets(triangles, low, high)], piece.planes)
+    return clipped(triangles[meets(triangles, *piece.ends)], piece.planes)
 
 
 def meets(triangles: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
