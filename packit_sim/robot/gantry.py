@@ -109,7 +109,7 @@ class Gantry(Arm):
             return cls.read(GANTRY, cell)
         path = Path(cell.arm)
         with naming(path):
-            text = path.read_text()
+            text = path.read_text(encoding="utf-8-sig")
         with located(path, ArgumentError):
             return cls.read(text, cell)
 
