@@ -13,7 +13,6 @@ from typing import Any
 
 from sphinx_gallery.scrapers import figure_rst
 
-
 REPORT = "packing.html"
 """The page of a packing in a folder."""
 
