@@ -67,13 +67,7 @@ class AskedFile(Struct, forbid_unknown_fields=True):
     fields: dict[Field, str] = {}
 
     def parts(self, upload: Upload, turning: Turning) -> list[Part]:
-        """Return the parts of its file, as a manifest would describe them.
-
-        Parameters
-        ----------
-        turning : Turning
-            The limits on turning of files that have none.
-        """
+        """Return the parts of its file, as a manifest would describe them, with usual limits."""
         with about(f"file {self.number}"):
             count, more = {"count": self.count, "rotations": self.rotations}, self.fields
             fields = part_fields({**count, **{name: text for name, text in more.items() if text}})
