@@ -20,6 +20,7 @@ from packit_sim.parts.packings.instances import (
     write_instance,
     write_solution,
 )
+from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 
@@ -71,6 +72,10 @@ def test_an_instance_that_cannot_be_written_is_refused(tmp_path) -> None:
         write_instance(types, container, tmp_path / "again")
     with pytest.raises(ArgumentError, match=r"are not different: brick\.obj, brick\.obj"):
         write_instance((types[0], types[0]), container, tmp_path / "again.json")
+    path = tmp_path / "BRICK.obj"
+    creation.box((1, 2, 3)).export(path)  # one file for both, where folders ignore case
+    with pytest.raises(ArgumentError, match=r"are not different: brick\.obj, BRICK\.obj"):
+        write_instance((types[0], ItemType.from_file(path)), container, tmp_path / "again.json")
     assert not (tmp_path / "again.json").exists()
 
 

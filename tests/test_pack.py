@@ -246,6 +246,19 @@ def test_a_search_of_so_many_passes_does_not_depend_on_the_time() -> None:
     assert short.height == long.height and short.count == 6
 
 
+def test_shelves_are_shown_before_the_search(monkeypatch) -> None:
+    shown: list[int] = []
+    before: list[int] = []
+
+    def searched(*arguments: Any, **settings: Any) -> None:
+        before.extend(shown)
+
+    monkeypatch.setattr(search, "nest", searched)
+    parts = [cube(count=6)]
+    packed = pack(parts, "25x25x15mm", settings=QUICK, callback=lambda p, _: shown.append(p.count))
+    assert before == [4] and packed.count == 4
+
+
 def test_a_box_without_a_unit_has_that_of_the_others() -> None:
     packed = pack([cube()], ["A:300x200x150", "B:30x20x15cm"], settings=QUICK)
     assert packed.task.unit == "cm"

@@ -60,6 +60,15 @@ def test_each_fault_has_the_name_of_its_field(bench) -> None:
         ({"max_parts": ["few"]}, "max_parts", "few"),
         ({"groups": ["kit"]}, "groups", "no part has a group"),
         ({"box": [{"size": "cylinder:20x10"}], "removable": True}, "removable", "a cylinder"),
+        ({"max_tilt": "200"}, "max_tilt", "200"),
+        ({"down": "z"}, "down", "choose from x-, x+"),
+        ({"box": [{"size": "cylinder:20x10"}], "door": "x+"}, "door", "a cylinder"),
+        ({"order": "delivery"}, "order", "cube has no stop"),
+        ({"balance": ["60%"]}, "balance", "0.6"),
+        ({"powder": "0.45"}, "powder", "0.45:20%"),
+        ({"powder": "0.45:20%"}, "powder", "cube has no mass"),
+        ({"even": True, "removable": True}, "even", "not possible with rules"),
+        ({"files": [_file(number, fields={"stop": "soon"})]}, f"file {number}", "soon"),
         ({"files": [_file(number, fields={"mass": "heavy"})]}, f"file {number}", "heavy"),
         ({"files": [_file(number, 20_000)]}, f"file {number}", "10000"),
         ({"files": [_file(number, "max")], "objective": "boxes"}, "boxes", "how many boxes"),
@@ -136,6 +145,29 @@ def test_rules_hold_for_all_parts(bench) -> None:
     rules = {"removable": True, "insertable": True, "separable": True}
     found = _packed(bench, _order(_file(number, 2), **rules))
     assert found["result"]["summary"]["packed"] == "2 of 2 parts"
+
+
+def test_turning_doors_deliveries_and_balance_are_those_of_the_command(bench) -> None:
+    bar = send(bench, "bar.stl", creation.box((6, 6, 18)))
+    turned = {"number": bar, "count": 1, "rotations": "cube"}
+    order = _order(turned, box="20x20x20", max_tilt="15deg", order="delivery", door="x+")
+    order["files"][0]["fields"] = {"stop": "1", "mass": "5"}
+    found = _packed(bench, {**order, "balance": ["5%"], "insertable": True})
+    (box,) = found["result"]["boxes"]
+    low, high = np.array(box["low"][0]), np.array(box["high"][0])
+    assert high - low == pytest.approx((6, 6, 18), abs=1e-3)  # upright
+    assert (low + high)[:2] / 2 == pytest.approx((10, 10), abs=1)
+    fallen = {**turned, "fields": {"max_tilt": "", "down": "x-,x+"}}
+    found = _packed(bench, _order(fallen, box="20x20x20", down="z-"))
+    (box,) = found["result"]["boxes"]
+    assert np.ptp([box["low"][0], box["high"][0]], axis=0)[2] == pytest.approx(6, abs=1e-3)
+
+
+def test_powder_is_counted_and_layers_are_evened(bench) -> None:
+    number = send(bench, "cube.stl", creation.box((6, 6, 6)))
+    cube = _file(number, 2, fields={"density": "1"})
+    found = _packed(bench, _order(cube, box="9x9x30", powder="0.45:20%", even=True))
+    assert "fresh at 20%" in found["result"]["summary"]["powder"]
 
 
 def test_a_moved_part_is_checked_and_accepted_only_where_it_is_free(bench) -> None:

@@ -245,6 +245,9 @@ def test_a_part_that_is_dragged_snaps_and_stays_where_it_is_free(page) -> None:
         ("boxes", "1.5", "Choose a whole number from 1 on."),
         ("max_mass", "3", "has no mass"),
         ("max_parts", "0", "Choose a whole number from 1 on."),
+        ("max_tilt", "200", "0 to 180"),
+        ("balance", "60", "not possible"),
+        ("powder", "0.45", "has no mass"),
     ],
 )
 def test_messages_are_next_to_their_fields(page, field, value, sentence) -> None:
@@ -270,13 +273,20 @@ def test_the_order_has_what_the_command_can_do_and_survives_a_reload(page) -> No
     row = page.locator("#files tr.file").nth(0)
     row.locator("button", has_text="more").click()
     more = page.locator("#files tr.more").nth(0)
-    for label, value in (("group", "left"), ("value of one", "3"), ("mass of one in g", "20")):
+    values = {"group": "left", "value of one": "3", "mass of one in g": "20"}
+    values |= {"leans at most": "30", "sides that may face down": "z- x+", "stop": "2"}
+    for label, value in values.items():
         more.get_by_label(label).fill(value)
     more.get_by_label("How many of").select_option("max")
-    for name, value in (("wall_floor", "2"), ("max_mass", "5"), ("stable", "1"), ("boxes", "2")):
+    numbers = {"wall_floor": "2", "max_mass": "5", "stable": "1", "boxes": "2", "max_tilt": "15"}
+    numbers |= {"balance": "10", "powder": "0.45", "powder_refresh": "30"}
+    for name, value in numbers.items():
         page.locator(f"[name={name}]").fill(value)
-    for name in ("removable", "insertable", "separable"):
+    for name in ("removable", "insertable", "separable", "order", "even"):
         page.locator(f"[name={name}]").check()
+    for side in ("z-", "x+"):
+        page.locator(f"[name=down][value='{side}']").check()
+    page.locator("[name=door]").select_option("y-")
     page.locator("[name=groups][value=apart]").check()
     page.locator("[name=objective]").select_option("value")
     page.locator("#another").click()
@@ -289,11 +299,14 @@ def test_the_order_has_what_the_command_can_do_and_survives_a_reload(page) -> No
     assert [each["name"] for each in job["box"]] == ["A", "B"]
     assert job["wall_clearance"] == "sides=0mm,floor=2mm,top=0mm"
     assert (job["max_mass"], job["stable"], job["boxes"]) == (["5kg"], "1mm", 2)
-    assert job["removable"] and job["insertable"] and job["separable"]
+    assert job["removable"] and job["insertable"] and job["separable"] and job["even"]
+    assert (job["max_tilt"], job["down"], job["door"]) == ("15deg", "z-,x+", "y-")
+    assert (job["order"], job["balance"], job["powder"]) == ("delivery", ["10%"], "0.45:30%")
     assert (job["groups"], job["objective"]) == (["apart"], "value")
     (cube, *_) = job["files"]
     assert cube["count"] == "max"
-    assert cube["fields"] == {"group": "left", "value": "3", "mass": "20"}
+    more_of_cube = {"max_tilt": "30", "down": "z- x+", "stop": "2"}
+    assert cube["fields"] == {"group": "left", "value": "3", "mass": "20", **more_of_cube}
     page.wait_for_timeout(300)
     page.reload()
     page.locator("[name=diameter]").wait_for()

@@ -12,7 +12,7 @@ Pack meshes at their real sizes, with a distance between them, and film how they
 from trimesh import creation
 
 from packit_sim import PackSettings, Part, pack
-from packit_sim.parts import check, film, table
+from packit_sim.parts import check, export, film, table
 
 parts = [
     Part("plate", creation.box((80, 50, 10)), count=3, density=7.8),
@@ -34,3 +34,9 @@ print(table(packed))
 
 assert not check(packed).problems
 film(packed, "packing.gif")
+
+# %%
+# ``export`` writes the files of ``packit pack``. Its page shows the box in 3D: drag it to turn it,
+# cut it open, or take parts out. It is one file that needs no network.
+
+files = export(packed, "packed")

@@ -1,16 +1,20 @@
-"""Pictures of the gallery: the PNG and GIF files that an example saves.
+"""Pictures of the gallery: the PNG and GIF files that an example saves, and pages in 3D.
 
 An example shows what a user would write, `scene.snapshot().save("packed.png")`, and the file is
-moved to the page.
+moved to the page. The report page of a folder that `export` writes becomes a frame in it.
 """
 
 from __future__ import annotations
 
+import html
 import shutil
 from pathlib import Path
 from typing import Any
 
 from sphinx_gallery.scrapers import figure_rst
+
+REPORT = "packing.html"
+"""The page of a packing in a folder."""
 
 
 def saved_pictures(
@@ -33,6 +37,8 @@ def saved_pictures(
         reStructuredText that shows the pictures; empty if there are none.
     """
     folder = Path(block_vars["src_file"]).parent
+    if reports := sorted(folder.glob(f"*/{REPORT}")):
+        return "".join(map(_framed, reports))
     moved = []
     for saved in sorted(
         (file for suffix in ("*.png", "*.gif") for file in folder.glob(suffix)),
@@ -47,3 +53,11 @@ def saved_pictures(
         if line.strip('"')
     )
     return figure_rst(moved, gallery_conf["src_dir"], title)
+
+
+def _framed(report: Path) -> str:
+    """Return a frame with a report page, whose folder is removed."""
+    content = html.escape(report.read_text("utf-8")).replace("\n", "&#10;")
+    shutil.rmtree(report.parent)
+    frame = f'<iframe class="turnable" title="The packed box in 3D" srcdoc="{content}"></iframe>'
+    return f"\n.. raw:: html\n\n    {frame}\n\n"

@@ -147,7 +147,7 @@ class Gantry(Arm):
             return cls.read(GANTRY if cell.level == 1 else TILTING_GANTRY, cell)
         path = Path(cell.arm)
         with naming(path):
-            text = path.read_text()
+            text = path.read_text(encoding="utf-8-sig")
         with located(path, ArgumentError):
             return cls.read(text, cell)
 

@@ -205,7 +205,7 @@ def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettin
     values: dict[str, Any] = {}
     if config is not None:
         try:
-            values = tomllib.loads(config.read_text())
+            values = tomllib.loads(config.read_text(encoding="utf-8-sig"))
         except (OSError, ValueError, RecursionError) as error:
             raise ArgumentError(f"settings can't be read from {config}: {error}") from None
     for change in changes:

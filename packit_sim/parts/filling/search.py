@@ -122,17 +122,13 @@ class PackingSearch:
 
     def _search(self, counts: Mapping[int, int]) -> None:
         shelves = self._shelves(counts)
-        if self._is_best(shelves, counts):
-            self._offer(shelves)
-            if self._task.objective != "height":
-                return
+        self._offer(shelves)
+        if self._is_best(shelves, counts) and self._task.objective != "height":
+            return
         margin = self._task.search_margin
         searched = {n: k for n, k in counts.items() if self._fits(n, margin=margin)}
-        try:
-            if searched:
-                self._nest_all(searched)
-        finally:
-            self._offer(shelves)
+        if searched:
+            self._nest_all(searched)
 
     def _shelves(self, counts: Mapping[int, int]) -> PackedParts:
         """Fill box after box by shelves, as far as that is valid."""

@@ -221,7 +221,7 @@ def require_free_instance(types: Sequence[ItemType], path: Path) -> list[str]:
         If two are the same, or one is that of a file with another content.
     """
     names = [re.sub(r"[^\w.-]", "-", Path(each.name).stem) + ".obj" for each in types]
-    if len(set(names)) < len(names):
+    if len({name.casefold() for name in names}) < len(names):
         raise ArgumentError(f"the names of item types are not different: {', '.join(names)}")
     for name, each in zip(names, types, strict=True):
         file = path.with_suffix("") / name

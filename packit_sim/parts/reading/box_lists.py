@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,8 @@ def _box(folder: Path, row: Mapping[str, str]) -> tuple[str, str, Limits]:
     text = row.get("box", "")
     if not text:
         raise ArgumentError("it has no box")
-    if ":" in text.removeprefix("cylinder:") or "=" in text:
+    is_named = ":" in text.removeprefix("cylinder:") and not os.path.isabs(text)
+    if is_named or "=" in text:
         raise ArgumentError(f"box {text!r} is not possible: its name and count are other cells")
     count = row.get("count", "1")
     if not count.isdecimal():

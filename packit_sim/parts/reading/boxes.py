@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -173,11 +174,15 @@ class MeshBox:
         whole = Path(text)
         if whole.suffix.lower() in SUFFIXES and exists(whole):  # also with a drive, or "="
             return cls(whole, whole.stem)
-        match = _MESH.fullmatch(text.strip())
+        drive, behind = os.path.splitdrive(text.strip())  # no name: "C:/trunk.stl=2" on Windows
+        if not behind.startswith(("/", os.sep)):
+            drive, behind = "", text.strip()
+        match = _MESH.fullmatch(behind)
         if match is None or Path(match["file"]).suffix.lower() not in SUFFIXES:
             return None
-        name = (match["name"] or Path(match["file"]).stem).strip()
-        return cls(Path(match["file"]), name, int(match["count"]) if match["count"] else None)
+        file = Path(drive + match["file"])
+        name = (match["name"] or file.stem).strip()
+        return cls(file, name, int(match["count"]) if match["count"] else None)
 
 
 OneBox = str | BoxType | MeshBox | Container

@@ -127,7 +127,8 @@ def _read(file: Path) -> dict[str, NamedContainer]:
     """Read a file of containers."""
     with located(file, ArgumentError):
         try:
-            entries = msgspec.toml.decode(file.read_bytes(), type=dict[str, _Entry])
+            content = file.read_text(encoding="utf-8-sig")  # editors on Windows write the mark
+            entries = msgspec.toml.decode(content, type=dict[str, _Entry])
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise ArgumentError(f"it is no file of containers: {error}") from None
         return {name: _container(name, entry) for name, entry in entries.items()}

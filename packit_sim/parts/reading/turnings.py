@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from packit_sim.core.checks import shown
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, about
 from packit_sim.parts.packings.turning import ANY_TURN, SIDES, Turning
 
 _ANGLE = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(?:deg|°)?\s*")
@@ -29,5 +30,7 @@ def read_sides(text: object) -> tuple[str, ...]:
 
 def read_turning(max_tilt: str | None, down: str | None) -> Turning:
     """Read the limits of a command line."""
-    limits = ANY_TURN.max_tilt if max_tilt is None else read_angle(max_tilt)
-    return Turning(limits, ANY_TURN.down if down is None else read_sides(down))
+    with about("max_tilt"):
+        turning = ANY_TURN if max_tilt is None else Turning(read_angle(max_tilt))
+    with about("down"):
+        return turning if down is None else replace(turning, down=read_sides(down))

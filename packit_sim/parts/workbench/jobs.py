@@ -8,19 +8,21 @@ from typing import Annotated, Any, Literal
 
 from msgspec import NODEFAULT, Meta, Struct, structs
 
-from packit_sim.core.choices import Goal, GroupRule
+from packit_sim.core.choices import Door, Goal, GroupRule, LoadingOrder
 from packit_sim.core.errors import ArgumentError, about
 from packit_sim.parts.filling.preparation import prepared_boxes
 from packit_sim.parts.filling.setting_texts import read_settings
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.packings.bounds import COUNTS
+from packit_sim.parts.packings.turning import Turning
 from packit_sim.parts.reading.box_lists import is_list
 from packit_sim.parts.reading.boxes import BoxType, MeshBox
 from packit_sim.parts.reading.files import own_length
 from packit_sim.parts.reading.manifest import part_fields
 from packit_sim.parts.reading.named_containers import without_names
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.turnings import read_turning
 from packit_sim.parts.reading.units import check_unit
 from packit_sim.parts.workbench.uploads import MAX_FILES, Upload
 
@@ -28,7 +30,17 @@ MAX_BOXES = 50
 """Most sizes of boxes of a job."""
 
 Field = Literal[
-    "value", "priority", "mass", "density", "no_stack", "max_load", "clearance", "group"
+    "value",
+    "priority",
+    "mass",
+    "density",
+    "no_stack",
+    "max_load",
+    "clearance",
+    "group",
+    "max_tilt",
+    "down",
+    "stop",
 ]
 """Fields of a manifest that a file of the page may have."""
 
@@ -54,12 +66,14 @@ class AskedFile(Struct, forbid_unknown_fields=True):
     use: Literal["part", "keep_out", "fixed"] = "part"
     fields: dict[Field, str] = {}
 
-    def parts(self, upload: Upload) -> list[Part]:
-        """Return the parts of its file, as a manifest would describe them."""
+    def parts(self, upload: Upload, turning: Turning) -> list[Part]:
+        """Return the parts of its file, as a manifest would describe them, with usual limits."""
         with about(f"file {self.number}"):
             count, more = {"count": self.count, "rotations": self.rotations}, self.fields
             fields = part_fields({**count, **{name: text for name, text in more.items() if text}})
             clearance = fields.pop("clearance", None)
+            limits = {name: fields.pop(name) for name in ("max_tilt", "down") if name in fields}
+            fields["turning"] = replace(turning, **limits)
             found = []
             for part in upload.parts:
                 own = dict(fields)
@@ -111,9 +125,16 @@ class PackingJob(Struct, forbid_unknown_fields=True):
     removable: bool = False
     insertable: bool = False
     separable: bool = False
+    door: Door = "z+"
+    order: LoadingOrder | None = None
+    max_tilt: str | None = None
+    down: str | None = None
     stable: str | None = None
     max_mass: Texts = []
     max_parts: Texts = []
+    balance: Texts = []
+    even: bool = False
+    powder: str | None = None
     groups: Annotated[list[GroupRule], Meta(max_length=MAX_BOXES)] = []
     seconds: Annotated[float, Meta(gt=0, le=86400)] = 60.0
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -172,6 +193,7 @@ def read_job(job: PackingJob, uploads: Mapping[int, Upload], **more: Any) -> Rea
     """
     with about("unit"):
         unit = check_unit(job.unit)
+    turning = read_turning(job.max_tilt, job.down)
     walls = {each.file for each in job.box}
     used: dict[str, list[Part]] = {"part": [], "keep_out": [], "fixed": []}
     for asked in job.files:
@@ -182,7 +204,7 @@ def read_job(job: PackingJob, uploads: Mapping[int, Upload], **more: Any) -> Rea
         if asked.use != "part":
             used[asked.use] += uploads[asked.number].parts
         elif asked.count != 0:
-            used["part"] += asked.parts(uploads[asked.number])
+            used["part"] += asked.parts(uploads[asked.number], turning)
     with about("box"):
         texts = [each.text for each in job.box if each.file is None]
         for text in texts:
@@ -197,6 +219,11 @@ def read_job(job: PackingJob, uploads: Mapping[int, Upload], **more: Any) -> Rea
         stable=job.stable,
         max_mass=job.max_mass,
         max_parts=job.max_parts,
+        balance=job.balance,
+        even=job.even,
+        powder=job.powder,
+        door=job.door,
+        order=job.order,
         boxes=_checked_count(job.boxes),
         removable=job.removable,
         insertable=job.insertable,
@@ -273,11 +300,15 @@ def _check_together(job: PackingJob, read: ReadJob, boxes: Sequence[BoxType]) ->
         removable=settings.removable,
         insertable=settings.insertable,
         separable=settings.separable,
+        door=settings.door,
         stable=settings.stable,
         masses=(),
     )
     for box in boxes:
         asked.check_container(box.container)
+    if settings.even and (settings.order is not None or not asked.is_empty):
+        with about("even"):
+            raise ArgumentError("even layers are not possible with rules, which moved parts break")
     if settings.fixed and (len(boxes) > 1 or boxes[0].count != 1):
         with about("box"):
             raise ArgumentError("fixed parts are in one box: choose a single one")
@@ -289,10 +320,21 @@ def _check_together(job: PackingJob, read: ReadJob, boxes: Sequence[BoxType]) ->
     if settings.groups and all(part.group is None for part in parts):
         with about("groups"):
             raise ArgumentError("no part has a group: name one under “more” below its name")
+    unstopped = [part.name for part in parts if part.stop is None]
+    if settings.order is not None and unstopped:
+        with about("order"):
+            raise ArgumentError(f"{unstopped[0]} has no stop: give it one under “more”")
     massless = [part.name for part in parts if part.mass is None and part.density is None]
-    if massless and any(box.limits.max_mass is not None for box in boxes):
-        with about("max_mass"):
-            raise ArgumentError(f"{massless[0]} has no mass: give it one under “more”")
+    weighed = {
+        "max_mass": any(box.limits.max_mass is not None for box in boxes),
+        "balance": any(box.limits.balance is not None for box in boxes)
+        and len(massless) < len(parts),
+        "powder": settings.powder is not None,
+    }
+    for name, is_weighed in weighed.items():
+        if massless and is_weighed:
+            with about(name):
+                raise ArgumentError(f"{massless[0]} has no mass: give it one under “more”")
     if any(part.as_many_as_fit for part in parts) and any(box.count is None for box in boxes):
         with about("boxes"):
             raise ArgumentError("to pack as many as fit, say how many boxes there are")

@@ -1,12 +1,13 @@
 // The table of the files that were sent: how many, how they may turn, and what else holds for them.
 import { UNITS, attempt, choice, element, get } from "./page.js";
 
-const TURNS = { cube: "any way up", upright: "upright", fixed: "as in the file" };
+const TURNS = { cube: "any way up", upright: "upright", fixed: "as in the file", "yaw-8": "upright, by 45°", "flip-8": "also upside down, by 45°", free: "at any angle" };
 const USES = { part: "a part to pack", fixed: "a part that is in the box already", keep_out: "a volume that stays free" };
 const COUNTS = { number: "as many as the count", max: "as many as fit", fill: "as many as fit after all others" };
 const FIELDS = [
   ["group", "group", "text"], ["value", "value of one", "number"], ["mass", "mass of one in g", "number"],
-  ["max_load", "may carry, in g", "number"], ["priority", "priority", "number"], ["clearance", "distance to others", "text"],
+  ["density", "density in g/cm³", "number"], ["max_load", "may carry, in g", "number"], ["priority", "priority", "number"], ["clearance", "distance to others", "text"],
+  ["max_tilt", "leans at most, in degrees", "number"], ["down", "sides that may face down, such as z- x+", "text"], ["stop", "stop of the delivery", "number"],
 ];
 
 const asked = new Map(); // by the number of a file: its order
