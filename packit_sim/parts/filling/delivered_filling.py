@@ -9,21 +9,26 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import trimesh
 
 from packit_sim.core.sums import plain_sum
+from packit_sim.parts.filling.box_nesting import BoxNesting
+from packit_sim.parts.filling.shelf_filling import allowed
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.removal import removal_of
 from packit_sim.parts.handling.sweeps import AXES, INTO, OUT, PartSweeps
+from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.validity import pair_problems
+from packit_sim.parts.reading.boxes import BoxType
 
 _DENSITY = 0.3
 """Density at which a slab is filled at first, if there is space."""
@@ -40,6 +45,9 @@ _LEAST_TIME = 0.05
 
 _STEPS = 40
 """Largest number of steps by which a part is moved back, until it keeps its distance."""
+
+ROUNDS = 4
+"""Times that a box is filled, at least if there is time."""
 
 Nest = Callable[[BoxContainer, Mapping[int, int], float, int], Packing | None]
 """Nests some parts in a container, in some seconds and with a seed."""
@@ -225,3 +233,20 @@ class DeliveredFilling:
     def _item(self, placement: Placement) -> CheckedItem:
         own = self._task.types[placement.type]
         return CheckedItem(own.name, own, placement, self._inner.longest)
+
+
+def delivered_filling(
+    nesting: BoxNesting, box: BoxType, counts: Mapping[int, int], height: float | None = None
+) -> DeliveredFilling:
+    """Return the filling of a box, up to a height if wanted, with as many parts as it may hold."""
+
+    def fill(
+        slab: BoxContainer, some: Mapping[int, int], seconds: float, seed: int
+    ) -> Packing | None:
+        found: list[Packing] = []
+        with suppress(NestingError):
+            nesting.nest(slab, "knapsack", some, seconds, found.append, seed)
+        return found[-1] if found else None
+
+    task = nesting.task
+    return DeliveredFilling(task, nesting.inner(box, height), allowed(task, box, counts), fill)
