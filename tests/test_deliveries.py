@@ -142,6 +142,14 @@ def test_keep_outs_limits_and_several_boxes_go_with_stops() -> None:
     assert all(packing.problems() == [] for packing in found.packings)
 
 
+def test_the_least_height_keeps_the_stops() -> None:
+    whole = pack(crates(2, 4), BOX, settings=DELIVERY)
+    found = pack(crates(2, 4), BOX, objective="height", settings=DELIVERY)
+    assert found.count == whole.count == 8 and blocked(found, 0, 1) == []
+    assert found.packings[0].problems() == []
+    assert found.packings[0].height < 0.9 * whole.packings[0].height
+
+
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("packed")
