@@ -150,6 +150,19 @@ def test_the_least_height_keeps_the_stops() -> None:
     assert found.packings[0].height < 0.9 * whole.packings[0].height
 
 
+@pytest.mark.slow
+def test_the_search_knows_on_which_parts_nothing_may_rest() -> None:
+    """Left out afterwards, four parts less are packed."""
+    parts = [
+        Part(f"{side} {fragile}", creation.box((side, side, 1.5 * side)), 4, no_stack=fragile)
+        for side in (7, 9, 12)
+        for fragile in (False, True)
+    ]
+    found = pack(parts, (31, 31, 31), settings=PackSettings(workers=1, iterations=5))
+    assert found.count >= 12
+    assert broken_constraints(found.packings[0], found.task.constraints) == []
+
+
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("packed")

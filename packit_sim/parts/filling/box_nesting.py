@@ -10,6 +10,7 @@ import numpy as np
 
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.balance import nest_balance
+from packit_sim.parts.filling.shelves import Shelves
 from packit_sim.parts.filling.stretching import StretchedTypes
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.nesting.nest import NestSettings, nest
@@ -40,6 +41,7 @@ class BoxNesting:
         self.task = task
         self._stopped = stopped
         self._known_bodies: dict[BoxType, tuple[ItemType, ...]] = {}
+        self._known_shelves: dict[tuple[float, ...], Shelves] = {}
 
     def inner(self, box: BoxType, height: float | None = None) -> BoxContainer:
         """Return the space for parts inside a box, of another height if wanted."""
@@ -63,6 +65,12 @@ class BoxNesting:
                 for each in (*task.container(box).obstacles, *walls)
             )
         return self._known_bodies[box]
+
+    def shelves(self, box: BoxType) -> Shelves:
+        """Return the shelves of a box, which those of the same size share."""
+        if box.size not in self._known_shelves:
+            self._known_shelves = {box.size: Shelves(self.task, box.size)}
+        return self._known_shelves[box.size]
 
     def nest(
         self,
@@ -146,10 +154,11 @@ class BoxNesting:
         """Move the parts of a box into the inner container, as a packing of some types."""
         box = next(each for each in self.task.boxes if each.name == packing.container.name)
         inner_from_box = Motion.shift(-self.task.search_margin.lower)
+        own = {number: n for n, number in enumerate(numbers)}
         placements = [
-            replace(one, type=numbers.index(one.type), pose=inner_from_box @ one.pose, box=0)
+            replace(one, type=own[one.type], pose=inner_from_box @ one.pose, box=0)
             for one in packing.placements
-            if one.type in numbers
+            if one.type in own
         ]
         return Packing(tuple(types), self.inner(box), tuple(placements), 0.0, "knapsack")
 

@@ -104,6 +104,7 @@ class Lowering:
                 inner, "knapsack", counts, seconds, better, seed, start, limits=box.limits
             )
             return
-        stops = delivered_filling(self._nesting, box, counts, height)
+        ordered = delivered_filling(self._nesting, box, counts, height)
+        assert ordered is not None  # there are stops
         for number in range(ROUNDS):
-            better(stops.fill(seconds / ROUNDS, seed + number))
+            better(ordered.fill(seconds / ROUNDS, seed + number))

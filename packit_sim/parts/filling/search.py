@@ -20,7 +20,6 @@ from packit_sim.parts.filling.lowering import Lowering
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.shelf_filling import allowed, shelved_box, shelved_boxes
 from packit_sim.parts.nesting.nest import NestingError
-from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.sizes import fits
@@ -30,6 +29,9 @@ _FULL = 0.6
 
 _REPEATS = 4
 """Searches for a box, if their iterations are limited, while constraints leave parts out."""
+
+_FIRST = 0.4
+"""Share of the time for a search that does not know the order of parts, before one that does."""
 
 _LATTICE_TIME = 0.3
 """Share of the time for a box in which lattices are put into it, at most."""
@@ -70,6 +72,7 @@ class PackingSearch:
         self._seed = seed
         self._callback = callback
         self._stopped = first.task.settings.stop or threading.Event()
+        self._known_fits: dict[tuple[int, BoxType | None, bool], bool] = {}
         self._nesting = BoxNesting(first.task, self._stopped)
 
     def run(self) -> PackedParts:
@@ -104,8 +107,7 @@ class PackingSearch:
             self._offer(shelves)
             if self._task.objective != "height":
                 return
-        margin = self._task.search_margin
-        searched = {n: k for n, k in counts.items() if self._fits(n, margin=margin)}
+        searched = {n: k for n, k in counts.items() if self._fits(n, in_search=True)}
         try:
             if searched:
                 self._nest_all(searched)
@@ -148,17 +150,17 @@ class PackingSearch:
         """Fill box after box; return the parts that are left."""
         left = dict(counts)
         stock = {box: math.inf if box.count is None else box.count for box in self._task.boxes}
-        boxes, margin = self._boxes_by_size, self._task.search_margin
+        boxes = self._boxes_by_size
         full: list[Packing] = []
         while left:
             usable = (
-                b for b in boxes if stock[b] > 0 and any(self._fits(n, b, margin) for n in left)
+                b for b in boxes if stock[b] > 0 and any(self._fits(n, b, True) for n in left)
             )
             box = next(usable, None)
             if box is None:
                 break
             stock[box] -= 1
-            own = {n: k for n, k in left.items() if self._fits(n, box, margin)}
+            own = {n: k for n, k in left.items() if self._fits(n, box, True)}
             more = sum(stock.values())
             found = self._fill_by_rules(box, own, full, self._seconds(own, box, more), more == 0)
             if found is None:
@@ -257,14 +259,15 @@ class PackingSearch:
             consider(start)
             if most.total() == sum(counts.values()) and best is not None and best.count == total:
                 return start, most
-        stops = delivered_filling(self._nesting, box, counts) if self._task.stops else None
+        ordered = delivered_filling(self._nesting, box, counts)
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
             seed = self._seed + _NEXT_SEED * number
-            if stops is not None:
-                better(stops.fill(min(seconds / ROUNDS, end - before), seed))
+            if ordered is not None and (self._task.stops or number > 0):
+                better(ordered.fill(min(seconds / ROUNDS, end - before), seed))
             else:
                 inner, left = self._nesting.inner(box), end - before
+                left *= 1.0 if ordered is None else _FIRST
                 self._nesting.nest(inner, "knapsack", counts, left, better, seed, start, box.limits)
             start = None
             now = clock.perf_counter()
@@ -325,13 +328,17 @@ class PackingSearch:
             if self._callback is not None:
                 self._callback(found)
 
-    def _fits(
-        self, number: int, box: BoxType | None = None, margin: WallClearance | None = None
-    ) -> bool:
-        part = self._task.parts[number]
-        margin = self._task.margin if margin is None else margin
-        boxes = self._task.boxes if box is None else (box,)
-        return any(each.limits.allow(part.mass) and fits(part, each, margin) for each in boxes)
+    def _fits(self, number: int, box: BoxType | None = None, in_search: bool = False) -> bool:
+        """Return whether a part fits into a box, or any: for the nester, with its tolerance."""
+        key = number, box, in_search
+        if key not in self._known_fits:
+            part = self._task.parts[number]
+            margin = self._task.search_margin if in_search else self._task.margin
+            boxes = self._task.boxes if box is None else (box,)
+            self._known_fits[key] = any(
+                each.limits.allow(part.mass) and fits(part, each, margin) for each in boxes
+            )
+        return self._known_fits[key]
 
     def _can_all_fit(self, counts: Mapping[int, int]) -> bool:
         """Return whether all parts probably fit the available boxes, filled together."""

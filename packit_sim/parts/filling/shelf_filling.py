@@ -10,7 +10,6 @@ import numpy as np
 
 from packit_sim.parts.filling.balance import centred
 from packit_sim.parts.filling.box_nesting import BoxNesting
-from packit_sim.parts.filling.shelves import shelved
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.packings.bounds import SUM_ROUNDING
 from packit_sim.parts.packings.packing import Packing
@@ -53,7 +52,7 @@ def shelved_box(nesting: BoxNesting, box: BoxType, counts: Mapping[int, int]) ->
     if nesting.bodies(box):
         return None
     task = nesting.task
-    placements = shelved(task, allowed(task, box, counts), box.size)
+    placements = nesting.shelves(box).fill(allowed(task, box, counts))
     packing = centred(task, task.packing(task.container(box), placements))
     return None if not placements or packing.problems() else packing
 
