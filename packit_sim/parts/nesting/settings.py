@@ -157,7 +157,7 @@ class SearchSettings:
     compacting_moves: int = 3
     construction_samples: int = 150
     construction_seconds: float = 5.0
-    constructed_again: int = 400
+    constructed_again: int = 256
     samples: int = 90
     passes_at_once: int = 5
     patience: int = 60
