@@ -41,7 +41,7 @@ from .libraries.library import ShapeLibrary as ShapeLibrary
 from .parts.filling.fitting import FittedPart as FittedPart
 from .parts.filling.fitting import fit as fit
 from .parts.filling.packed import PackedParts as PackedParts
-from .parts.filling.task import PackSettings as PackSettings
+from .parts.filling.settings import PackSettings as PackSettings
 from .parts.nesting.nest import NestSettings as NestSettings
 from .parts.nesting.nest import nest as nest
 from .parts.pack import pack as pack

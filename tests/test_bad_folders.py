@@ -16,7 +16,8 @@ from trimesh import creation
 
 from packit_sim.core.plain_text import plain
 from packit_sim.parts.filling.preparation import prepared_task
-from packit_sim.parts.filling.task import PackSettings, PackTask
+from packit_sim.parts.filling.settings import PackSettings
+from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.pack import pack
 from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.results import exports

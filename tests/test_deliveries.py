@@ -142,6 +142,27 @@ def test_keep_outs_limits_and_several_boxes_go_with_stops() -> None:
     assert all(packing.problems() == [] for packing in found.packings)
 
 
+def test_the_least_height_keeps_the_stops() -> None:
+    whole = pack(crates(2, 4), BOX, settings=DELIVERY)
+    found = pack(crates(2, 4), BOX, objective="height", settings=DELIVERY)
+    assert found.count == whole.count == 8 and blocked(found, 0, 1) == []
+    assert found.packings[0].problems() == []
+    assert found.packings[0].height < 0.9 * whole.packings[0].height
+
+
+@pytest.mark.slow
+def test_the_search_knows_on_which_parts_nothing_may_rest() -> None:
+    """Left out afterwards, four parts less are packed."""
+    parts = [
+        Part(f"{side} {fragile}", creation.box((side, side, 1.5 * side)), 4, no_stack=fragile)
+        for side in (7, 9, 12)
+        for fragile in (False, True)
+    ]
+    found = pack(parts, (31, 31, 31), settings=PackSettings(workers=1, iterations=5))
+    assert found.count >= 12
+    assert broken_constraints(found.packings[0], found.task.constraints) == []
+
+
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("packed")

@@ -21,7 +21,7 @@ from packit_sim.libraries import mesh_files
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.raw_meshes import RawMesh
 from packit_sim.parts.filling.packed import PackedParts
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.packing_files import verify_packing

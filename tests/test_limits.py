@@ -9,9 +9,11 @@ from trimesh import creation
 
 from packit_sim import BoxType, ItemType, Limits, NestSettings, PackSettings, Part, nest, pack
 from packit_sim.core.errors import ArgumentError
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts import summary
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.nesting.limits import ItemLimits
+from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.reading.limits import grams, read_limits
 from packit_sim.parts.results import exports
 from packit_sim.parts.results.verification import verify_record
@@ -146,3 +148,25 @@ def test_what_is_taken_out_and_added_keeps_limits(count: int) -> None:
     order = np.argsort(-values / limits.costs(values, np.ones(count), 1e9))
     best = limits.addable(np.zeros(count, bool), order)
     assert values[best].sum() >= (0.9 if count > 10 else 0.5) * most
+
+
+def test_further_orders_of_construction_find_more_within_limits() -> None:
+    rng = np.random.default_rng(1)
+    types = [
+        ItemType(f"block {n}", *_block(rng.uniform(8, 18, 3)), rotations="yaw-4") for n in range(16)
+    ]
+    grams = [each.volume * float(rng.uniform(0.5, 2)) for each in types]
+    limits = [(grams, sum(grams) / 2)]
+    found = []
+    for again in (0, SearchSettings().constructed_again):
+        search = SearchSettings(constructed_again=again)
+        settings = NestSettings(workers=1, iterations=1, limits=limits, search=search)
+        packing = nest(types, (34, 34, 34), "knapsack", settings=settings)
+        assert packing.problems() == []
+        found.append(sum(types[one.type].volume for one in packing.placements))
+    assert found[1] > 1.02 * found[0]
+
+
+def _block(sides: Floats) -> tuple[Floats, Ints]:
+    mesh = creation.box(sides)
+    return mesh.vertices, mesh.faces

@@ -19,7 +19,7 @@ from trimesh import creation
 from packit_sim import BoxType, PackedParts, PackSettings, Part, nest, pack
 from packit_sim.core.errors import ArgumentError, BusyError
 from packit_sim.parts import check, export, summary, table, view, write_instructions
-from packit_sim.parts.filling import search
+from packit_sim.parts.filling import box_nesting
 from packit_sim.parts.handling import sweeps
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.constraints import Constraints
@@ -432,7 +432,7 @@ def test_parts_are_in_an_order_in_which_they_can_be_put_in() -> None:
 def test_an_earlier_packing_is_kept_until_a_better_one_is_found(tmp_path, monkeypatch) -> None:
     first = pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
     seen = []
-    monkeypatch.setattr("packit_sim.parts.filling.search.nest", None)  # never called
+    monkeypatch.setattr("packit_sim.parts.filling.box_nesting.nest", None)  # never called
     again = pack(
         [cube(count=8)],
         (20, 20, 20),
@@ -779,7 +779,7 @@ def test_a_search_resumes_from_the_packing_in_the_folder(tmp_path, monkeypatch) 
         starts.append(arguments[-1].start)
         return nest(*arguments)
 
-    monkeypatch.setattr(search, "nest", spied)
+    monkeypatch.setattr(box_nesting, "nest", spied)
     run = partial(
         pack,
         [cube(8, "cube", count=20), slab(25, 6, 10)],

@@ -11,7 +11,7 @@ from trimesh import creation
 
 from packit_sim.core.errors import MeshError
 from packit_sim.libraries.mesh_files import read, read_parts
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.reading.file_copies import FileCopies

@@ -16,7 +16,7 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.candidates import in_order
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType

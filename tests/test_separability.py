@@ -17,7 +17,7 @@ from trimesh import creation
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.preparation import prepared_task
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.handling import ways_out
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.constraints import Constraints

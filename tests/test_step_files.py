@@ -18,7 +18,7 @@ from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.importer import ImportSettings, import_library
 from packit_sim.libraries.mesh_files import read, read_parts
 from packit_sim.parts.filling.preparation import prepared_task
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.part import Part

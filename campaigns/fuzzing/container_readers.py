@@ -10,7 +10,7 @@ from trimesh import creation
 from campaigns.fuzzing import file_changes, world
 from campaigns.fuzzing.json_changes import json_tree
 from campaigns.fuzzing.reader import Reader
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.cylinders import CylinderContainer

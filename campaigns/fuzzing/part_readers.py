@@ -17,7 +17,7 @@ from campaigns.fuzzing.reader import Reader
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.plain_text import plain_line
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.part import Part

@@ -18,7 +18,7 @@ from campaigns.packings.checker import check
 from campaigns.packings.truth import Problem
 from packit_sim import PackSettings, pack
 from packit_sim.core.errors import PackItError
-from packit_sim.parts.filling import search
+from packit_sim.parts.filling import box_nesting
 from packit_sim.parts.nesting.nest import NestSettings
 from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.packings.packing_files import verify_packing
@@ -54,7 +54,7 @@ def packed(case: Case, seed: int, out: Path) -> None:
     )
     objective: Any = case.objective
     nest_settings = partial(NestSettings, search=BY_CELLS if case.by_cells else SearchSettings())
-    with patch.object(search, "NestSettings", nest_settings):
+    with patch.object(box_nesting, "NestSettings", nest_settings):
         pack(case.sources, case.boxes, objective, SECONDS, seed, out, settings=settings)
 
 

@@ -16,7 +16,8 @@ from packit_sim.parts.filling.evening import evened
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.search import PackingSearch
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
+from packit_sim.parts.filling.task_checks import check_ways
 from packit_sim.parts.packings.bounds import SECONDS, SEEDS
 from packit_sim.parts.reading.boxes import Boxes
 from packit_sim.parts.reading.part import Part
@@ -112,7 +113,7 @@ def pack(
     check_range("time", time, SECONDS)
     check_range("seed", as_integer("seed", seed), SEEDS)
     task = prepared_task(parts, box, objective, settings or PackSettings(), progress)
-    task.check_ways(instructions, film)
+    check_ways(task, instructions, film)
     end = start + time
     now = clock.perf_counter()
     if out is not None:

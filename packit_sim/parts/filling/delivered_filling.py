@@ -9,21 +9,27 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import trimesh
 
+from packit_sim.core.choices import Door
 from packit_sim.core.sums import plain_sum
+from packit_sim.parts.filling.box_nesting import BoxNesting
+from packit_sim.parts.filling.shelf_filling import allowed
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.removal import removal_of
 from packit_sim.parts.handling.sweeps import AXES, INTO, OUT, PartSweeps
+from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.validity import pair_problems
+from packit_sim.parts.reading.boxes import BoxType
 
 _DENSITY = 0.3
 """Density at which a slab is filled at first, if there is space."""
@@ -40,6 +46,9 @@ _LEAST_TIME = 0.05
 
 _STEPS = 40
 """Largest number of steps by which a part is moved back, until it keeps its distance."""
+
+ROUNDS = 4
+"""Times that a box is filled, at least if there is time."""
 
 Nest = Callable[[BoxContainer, Mapping[int, int], float, int], Packing | None]
 """Nests some parts in a container, in some seconds and with a seed."""
@@ -58,18 +67,28 @@ class DeliveredFilling:
         How many of each part may be in it.
     nest : callable
         See `Nest`.
+    stops : mapping of int to int
+        The stop of each part.
+    door : str
+        The side of the door.
     """
 
     def __init__(
-        self, task: PackTask, inner: BoxContainer, counts: Mapping[int, int], nest: Nest
+        self,
+        task: PackTask,
+        inner: BoxContainer,
+        counts: Mapping[int, int],
+        nest: Nest,
+        stops: Mapping[int, int],
+        door: Door,
     ) -> None:
         self._task, self._inner, self._counts, self._nest = task, inner, counts, nest
-        self._door = task.settings.door
-        self._axis, self._sign = AXES[OUT[self._door]]
+        self._stop_of, self._door = stops, door
+        self._axis, self._sign = AXES[OUT[door]]
         self._depth = inner.size[self._axis]
         self._area = inner.volume / self._depth
         self._gap = task.largest_gap * max(1.0, 1 / task.stretch)
-        self._stops = sorted({task.stops[n] for n in counts}, reverse=True)
+        self._stops = sorted({stops[n] for n in counts}, reverse=True)
         self._planned = self._plan()
         self._densities = dict.fromkeys(self._stops, _DENSITY)
 
@@ -85,7 +104,7 @@ class DeliveredFilling:
         total = plain_sum(self._planned.values())
         share = needed = 0.0
         for stop in self._stops:
-            own = {n: k for n, k in self._counts.items() if self._task.stops[n] == stop}
+            own = {n: k for n, k in self._counts.items() if self._stop_of[n] == stop}
             share += self._planned[stop] / total
             needed += self._planned[stop] / (self._area * self._densities[stop])
             end = max(min(needed, share * self._depth), self._thickest(own))
@@ -103,7 +122,7 @@ class DeliveredFilling:
         found = dict.fromkeys(self._stops, 0.0)
         for n in sorted(self._counts, key=lambda n: -weights[n] / max(parts[n].volume, 1e-300)):
             volume = min(left, self._counts[n] * parts[n].volume)
-            found[self._task.stops[n]] += volume
+            found[self._stop_of[n]] += volume
             left -= volume
         return found
 
@@ -225,3 +244,35 @@ class DeliveredFilling:
     def _item(self, placement: Placement) -> CheckedItem:
         own = self._task.types[placement.type]
         return CheckedItem(own.name, own, placement, self._inner.longest)
+
+
+def delivered_filling(
+    nesting: BoxNesting, box: BoxType, counts: Mapping[int, int], height: float | None = None
+) -> DeliveredFilling | None:
+    """Return the filling of a box, up to a height if wanted, with as many parts as it may hold.
+
+    Parts on which nothing may rest are filled in like parts of a first stop below a door at the
+    top, after all others.
+
+    Returns
+    -------
+    DeliveredFilling or None
+        The filling; None if no order of the parts matters.
+    """
+
+    def fill(
+        slab: BoxContainer, some: Mapping[int, int], seconds: float, seed: int
+    ) -> Packing | None:
+        found: list[Packing] = []
+        with suppress(NestingError):
+            nesting.nest(slab, "knapsack", some, seconds, found.append, seed)
+        return found[-1] if found else None
+
+    task, own = nesting.task, allowed(nesting.task, box, counts)
+    stops, door = task.stops, task.settings.door
+    if not stops:
+        fragile = task.constraints.no_stack
+        stops, door = {n: 1 if n in fragile else 2 for n in own}, "z+"
+        if len(set(stops.values())) < 2:
+            return None
+    return DeliveredFilling(task, nesting.inner(box, height), own, fill, stops, door)

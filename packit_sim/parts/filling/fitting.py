@@ -19,7 +19,8 @@ from packit_sim.core.length_units import Unit
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.convex_fits import ConvexSpace, convex_space, corners_of
-from packit_sim.parts.filling.task import PackSettings, check_margin
+from packit_sim.parts.filling.settings import PackSettings
+from packit_sim.parts.filling.task_checks import check_margin
 from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
 from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.packings.bounds import SECONDS, SEEDS

@@ -17,7 +17,9 @@ from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.free_turns import with_free_turns
-from packit_sim.parts.filling.task import PackSettings, PackTask, check_margin, check_objective
+from packit_sim.parts.filling.settings import PackSettings
+from packit_sim.parts.filling.task import PackTask
+from packit_sim.parts.filling.task_checks import check_margin, check_objective, check_task
 from packit_sim.parts.packings.distances import WallClearance
 from packit_sim.parts.packings.rotation_sets import FIXED
 from packit_sim.parts.packings.turning import ANY_TURN
@@ -127,6 +129,7 @@ def prepared_task(
         inputs=reading.inputs,
         outlines=outlines,
     )
+    check_task(task)
     task = _without_tiny(with_free_turns(task))
     _require_fit(task)
     note = unit_note(box)

@@ -7,7 +7,7 @@ from typing import Any
 
 from packit_sim.core.errors import about
 from packit_sim.core.length_units import Unit
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.reading.box_lists import without_lists
 from packit_sim.parts.reading.boxes import box_unit
 from packit_sim.parts.reading.distances import read_wall_clearance

@@ -6,7 +6,8 @@ needs, so that parts are packed that fill a box with nothing to spare.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
@@ -24,74 +25,128 @@ RULES = ("most", "lowest", "highest")
 """How the rotation of each part is chosen: the one of which most fit, or by its height."""
 
 
-def shelved(
-    task: PackTask, counts: Mapping[int, int], size: Sequence[float]
-) -> tuple[Placement, ...]:
-    """Put parts into rows, rows into layers, and layers into a box, by their bounding boxes.
+@dataclass(frozen=True)
+class _Row:
+    """How the copies of a part are turned.
+
+    Attributes
+    ----------
+    number : int
+        The part.
+    turn : int
+        The number of its rotation.
+    sides : tuple of float
+        Its sides along row, layer and height.
+    """
+
+    number: int
+    turn: int
+    sides: tuple[float, float, float]
+
+
+class Shelves:
+    """Packings of one box: parts in rows, rows in layers, by their bounding boxes.
+
+    What does not depend on how many of each part there are is computed once, for many equal boxes.
 
     Parameters
     ----------
-    counts : mapping of int to int
-        How many of each part of the task.
     size : sequence of float
         The sides of the box.
-
-    Returns
-    -------
-    tuple of Placement
-        The most valuable of the packings found: with rows and layers along each axis, and parts
-        in the rotations of each rule. Equal parts become a grid.
     """
-    best: tuple[float, list[Placement]] = (0.0, [])
-    for axes, rule in product(permutations(range(3)), RULES):
-        found = _placements(task, counts, np.array(size), axes, rule)
-        worth = sum(task.weights[one.type] for one in found)
-        if worth > best[0]:
-            best = worth, found
-        if len(found) == sum(counts.values()):
-            break
-    return tuple(best[1])
 
+    def __init__(self, task: PackTask, size: Sequence[float]) -> None:
+        self._task, self._size = task, np.array(size)
+        known = [each.sides for each in task.parts]
+        counts = [len(each) for each in known]
+        self._sides = np.concatenate(known)  # of each part in each rotation
+        self._parts = np.repeat(np.arange(len(known)), counts)
+        self._turns = np.concatenate([np.arange(count) for count in counts])
+        self._known: dict[tuple[tuple[int, ...], str], list[_Row]] = {}
 
-def _placements(
-    task: PackTask, counts: Mapping[int, int], size: Floats, axes: Sequence[int], rule: str
-) -> list[Placement]:
-    """Fill rows along the first axis, layers of rows along the second, and then the third."""
-    margin, order = task.margin, list(axes)
-    gap_row, gap_layer, gap_height = gap = (
-        task.largest_gap * np.array((1, 1, 1 / task.stretch))[order]
-    )
-    limits = (size - margin.lower - margin.upper + _SLACK * size.max())[order]
-    chosen = []
-    for n in counts:
-        sides = task.parts[n].sides[:, order]
-        if (fits := np.flatnonzero((sides <= limits).all(axis=1))).size:
-            turn = int(fits[_choice(sides[fits], limits, gap, rule)])
-            chosen.append((-sides[turn, 2], -sides[turn, 1], n, turn, sides[turn].tolist()))
-    row, layer, height = 0.0, 0.0, 0.0  # where the next part begins along each axis
-    deep = high = 0.0  # of this row, and of this layer
-    placements = []
-    for _, _, n, turn, (x, y, z) in sorted(chosen):
-        own = task.parts[n].item_type
-        rotation = Motion(searched_rotations(own)[turn], np.zeros(3))
-        low = rotation.apply(own.vertices).min(axis=0)
-        for _ in range(counts[n]):
-            if row + x > limits[0]:
-                row, layer, deep = 0.0, layer + deep + gap_layer, 0.0
-            if layer + y > limits[1]:
-                row, layer, height, deep, high = 0.0, 0.0, height + high + gap_height, 0.0, 0.0
-            if height + z > limits[2]:
+    def fill(self, counts: Mapping[int, int]) -> tuple[Placement, ...]:
+        """Put parts into the box.
+
+        Parameters
+        ----------
+        counts : mapping of int to int
+            How many of each part of the task.
+
+        Returns
+        -------
+        tuple of Placement
+            The most valuable of the packings found: with rows and layers along each axis, and parts
+            in the rotations of each rule. Equal parts become a grid.
+        """
+        weights = self._task.weights
+        best: tuple[float, list[tuple[_Row, Floats]]] = (0.0, [])
+        for axes, rule in product(permutations(range(3)), RULES):
+            found = self._places(counts, axes, rule)
+            worth = sum(weights[row.number] for row, _ in found)
+            if worth > best[0]:
+                best = worth, found
+            if len(found) == sum(counts.values()):
                 break
-            place = np.empty(3)
-            place[order] = row, layer, height
-            placements.append(Placement(n, rotation.at(place + margin.lower - low)))
-            row, deep, high = row + x + gap_row, max(deep, y), max(high, z)
-    return placements
+        return tuple(self._placements(best[1]))
 
+    def _places(
+        self, counts: Mapping[int, int], axes: tuple[int, ...], rule: str
+    ) -> list[tuple[_Row, Floats]]:
+        """Fill rows along the first axis, layers of rows along the second, and then the third."""
+        gap_row, gap_layer, gap_height = self._gap(axes)
+        limits = self._limits(axes)
+        row, layer, height = 0.0, 0.0, 0.0  # where the next part begins along each axis
+        deep = high = 0.0  # of this row, and of this layer
+        found = []
+        for each in self._rows(axes, rule):
+            x, y, z = each.sides
+            for _ in range(counts.get(each.number, 0)):
+                if row + x > limits[0]:
+                    row, layer, deep = 0.0, layer + deep + gap_layer, 0.0
+                if layer + y > limits[1]:
+                    row, layer, height, deep, high = 0.0, 0.0, height + high + gap_height, 0.0, 0.0
+                if height + z > limits[2]:
+                    break
+                place = np.empty(3)
+                place[list(axes)] = row, layer, height
+                found.append((each, place))
+                row, deep, high = row + x + gap_row, max(deep, y), max(high, z)
+        return found
 
-def _choice(sides: Floats, limits: Floats, gap: Floats, rule: str) -> int:
-    """Return the number of a rotation, by the sides (m, 3) along row, layer and height."""
-    if rule == "most":
-        return int(np.floor((limits + gap) / (sides + gap)).prod(axis=1).argmax())
-    heights = sides[:, 2] if rule == "lowest" else -sides[:, 2]
-    return int(np.lexsort((sides[:, 0], sides[:, 1], heights))[0])
+    def _rows(self, axes: tuple[int, ...], rule: str) -> list[_Row]:
+        """Return how each part that fits is turned, the highest and deepest first."""
+        if (axes, rule) not in self._known:
+            limits, gap = self._limits(axes), self._gap(axes)
+            sides = self._sides[:, list(axes)]
+            fits = np.flatnonzero((sides <= limits).all(axis=1))
+            own, part = sides[fits], self._parts[fits]
+            if rule == "most":
+                keys: tuple[Floats, ...] = (-np.floor((limits + gap) / (own + gap)).prod(axis=1),)
+            else:
+                keys = own[:, 0], own[:, 1], own[:, 2] if rule == "lowest" else -own[:, 2]
+            best = np.lexsort((*keys, part))
+            best = best[np.unique(part[best], return_index=True)[1]]  # the first of each part
+            best = best[np.lexsort((part[best], -own[best, 1], -own[best, 2]))]
+            chosen = zip(part[best], self._turns[fits[best]], own[best].tolist(), strict=True)
+            self._known[axes, rule] = [
+                _Row(int(n), int(k), (x, y, z)) for n, k, (x, y, z) in chosen
+            ]
+        return self._known[axes, rule]
+
+    def _gap(self, axes: Sequence[int]) -> Floats:
+        """Return the distances between parts along the axes."""
+        ratios = np.array((1, 1, 1 / self._task.stretch))
+        return np.asarray(self._task.largest_gap * ratios[list(axes)])
+
+    def _limits(self, axes: Sequence[int]) -> Floats:
+        """Return the lengths of the space for parts along the axes."""
+        margin = self._task.margin
+        space = self._size - margin.lower - margin.upper + _SLACK * self._size.max()
+        return np.asarray(space[list(axes)])
+
+    def _placements(self, found: Sequence[tuple[_Row, Floats]]) -> Iterator[Placement]:
+        for row, place in found:
+            own = self._task.parts[row.number].item_type
+            rotation = Motion(searched_rotations(own)[row.turn], np.zeros(3))
+            low = rotation.apply(own.vertices).min(axis=0)
+            yield Placement(row.number, rotation.at(place + self._task.margin.lower - low))

@@ -3,33 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import get_args
-
-import numpy as np
 
 from packit_sim.core.caches import cached_property
-from packit_sim.core.checks import as_integer, check_range
-from packit_sim.core.choices import Door, Goal, LoadingOrder, SearchBackend
-from packit_sim.core.errors import ArgumentError, about
+from packit_sim.core.choices import Goal
 from packit_sim.core.length_units import UNITS_CM, Unit
-from packit_sim.core.parallel import check_search_workers
 from packit_sim.core.sums import plain_sum
-from packit_sim.parts.filling.groups import GROUP_RULES
-from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
-from packit_sim.parts.handling.sweeps import check_door
+from packit_sim.parts.filling.settings import PackSettings
+from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.packings import checked_items
-from packit_sim.parts.packings.bounds import (
-    COUNTS,
-    DISTANCES,
-    ITERATIONS,
-    LENGTHS,
-    SUM_ROUNDING,
-)
-from packit_sim.parts.packings.checked_items import CheckedItem
+from packit_sim.parts.packings.bounds import SUM_ROUNDING
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.distances import WallClearance, stretch
@@ -37,185 +22,10 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType
-from packit_sim.parts.reading.files import ReadSettings, UnreadFile
+from packit_sim.parts.reading.files import UnreadFile
 from packit_sim.parts.reading.limits import NO_LIMITS, Limits
-from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.powder import Powder
 from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
 from packit_sim.parts.reading.sizes import fits, too_large
-from packit_sim.parts.reading.units import check_unit
-
-GOALS: tuple[Goal, ...] = get_args(Goal)
-
-
-@dataclass(frozen=True)
-class PackSettings:
-    """Settings for reading and packing parts.
-
-    Parameters
-    ----------
-    clearance : float
-        Smallest distance between two parts, unless one of them has a larger one.
-    wall_clearance : float or WallClearance
-        Smallest distance to the walls.
-    accuracy : float, optional
-        Largest deviation of a collision mesh from its file; by default 0.002 of its diagonal.
-    boxes : int, optional
-        How many boxes there are of a size that does not say so; by default 1, or for the objective
-        "boxes" as many as are needed.
-    unit : str, optional
-        The unit of clearances and results, and of boxes if none of them names a unit; by default
-        the first unit that a box names, or else mm.
-    reading : ReadSettings
-        How files are read.
-    removable : bool
-        Whether every part can be taken out of its box by straight moves, in some order.
-    insertable : bool
-        Whether every part can be put in by one straight move, in some order.
-    stable : float, optional
-        The largest distance that a part may move under gravity at any stage of packing.
-    keep_out : sequence of Part, Path or str
-        Volumes that stay free in every box, as meshes in the box's coordinates: parts keep the
-        clearance from them.
-    fixed : sequence of Part, Path or str
-        Parts that are in the box already, as meshes in its coordinates. Others keep the clearance
-        from them and may rest on them.
-    constraints : sequence of CustomConstraint
-        Further constraints on the parts in each box; parts that break one are left out.
-    workers : int
-        The number of searches at a time; 0: one per core.
-    backend : str
-        Where they run: "threads" of this process, or processes of a "ray" cluster.
-    address : str, optional
-        The address of the Ray cluster's head.
-    iterations : int, optional
-        Passes over the parts of each search, instead of the time: a repeatable search.
-    stop : threading.Event, optional
-        Ends the search early when another thread sets it, as Ctrl-C does.
-    separable : bool
-        Whether every part can be moved out without turning, in some order and round corners, as if
-        the box had no walls: no parts interlock.
-    limits : Limits or mapping of str to Limits
-        What one box may hold, where a box does not say so; or the same by the name of the boxes,
-        with those of all others by the name "".
-    clearance_z : float, optional
-        Smallest distance of two parts of which one is straight above the other; by default the
-        same as `clearance`. Between, an ellipsoid with these half axes decides (see Notes).
-    groups : sequence of str
-        Rules for the parts of each group: "together": all that are packed share a box; "kit": they
-        are packed whole, into one box, or not at all; "apart": no box has parts of two groups.
-    powder : Powder, optional
-        The powder of the bed, of which the summary has how much a build takes.
-    even : bool
-        Whether parts move after the search, none above the highest one, until the packed area
-        varies less over the height.
-    door : str
-        The side through which parts come in and leave: "x-", "x+", "y-", "y+", or "z+", the top.
-    order : str, optional
-        "delivery": every part has a stop. The parts of each stop can go straight out through the
-        door, one after another, while those of all later stops are in place.
-
-    Raises
-    ------
-    ArgumentError
-        If a number is out of bounds.
-    WorkersError
-        If the search can't have such workers.
-
-    Notes
-    -----
-    With `clearance_z`, distances are measured after all lengths along z are multiplied by
-    `clearance / clearance_z`, and must be at least the clearance then. A clearance of a part is
-    stretched in the same way.
-
-    Examples
-    --------
-    >>> from packit_sim import PackSettings
-    >>> settings = PackSettings(clearance=1.0, wall_clearance=2.0, unit="mm", removable=True)
-    >>> settings.clearance
-    1.0
-    >>> PackSettings(clearance=-1.0)
-    Traceback (most recent call last):
-        ...
-    packit_sim.core.errors.ArgumentError: clearance -1.0 is not possible: 0 to 1e+30
-    """
-
-    clearance: float = 0.0
-    wall_clearance: float | WallClearance = 0.0
-    accuracy: float | None = None
-    boxes: int | None = None
-    unit: Unit | None = None
-    reading: ReadSettings = field(default_factory=ReadSettings)
-    removable: bool = False
-    insertable: bool = False
-    stable: float | None = None
-    keep_out: Sequence[Part | Path | str] = ()
-    fixed: Sequence[Part | Path | str] = ()
-    constraints: Sequence[CustomConstraint] = ()
-    workers: int = 0
-    backend: SearchBackend = "threads"
-    address: str | None = None
-    iterations: int | None = None
-    stop: threading.Event | None = None
-    separable: bool = False
-    limits: Limits | Mapping[str, Limits] = NO_LIMITS
-    clearance_z: float | None = None
-    groups: Sequence[str] = ()
-    powder: Powder | None = None
-    even: bool = False
-    door: Door = "z+"
-    order: LoadingOrder | None = None
-
-    def __post_init__(self) -> None:
-        with about("clearance"):
-            check_range("clearance", self.clearance, DISTANCES)
-        with about("clearance_z"):
-            stretch(self.clearance, self.clearance_z)
-        if not isinstance(self.wall_clearance, WallClearance):
-            with about("wall_clearance"):
-                check_range("wall clearance", self.wall_clearance, DISTANCES)
-        for name in ("accuracy", "stable"):
-            if getattr(self, name) is not None:
-                with about(name):
-                    check_range(name, getattr(self, name), LENGTHS)
-        for name, valid in (("boxes", COUNTS), ("iterations", ITERATIONS)):
-            value = getattr(self, name)
-            if value is not None:
-                check_range(name, as_integer(name, value), valid)
-        if self.unit is not None:
-            check_unit(self.unit)
-        for rule in self.groups:
-            known = f"choose from {', '.join(GROUP_RULES)}"
-            with about("groups"):
-                check_range("rule of groups", rule, (rule in GROUP_RULES, known))
-        with about("door"):
-            check_door(self.door)
-        with about("order"):
-            check_range("order", self.order, (self.order in (None, "delivery"), "choose delivery"))
-        check_search_workers(self.workers, self.backend, self.address)
-
-
-def check_objective(objective: Goal, boxes: Sequence[BoxType]) -> None:
-    """Raise ArgumentError if an objective is not known, or not possible with some boxes."""
-    with about("objective"):
-        if objective not in GOALS:
-            raise ArgumentError(
-                f"objective {objective!r} is not known: choose from {', '.join(GOALS)}"
-            )
-        if objective == "height" and (len(boxes) > 1 or boxes[0].count != 1):
-            raise ArgumentError("the objective height needs one box: choose boxes for several")
-
-
-def check_margin(margin: WallClearance, boxes: Sequence[BoxType], unit: Unit) -> None:
-    """Raise ArgumentError if distances from the walls are not possible in a box."""
-    with about("wall_clearance"):
-        for box in boxes:
-            if not margin.is_even and form_of(box.container) == "mesh":
-                raise ArgumentError(
-                    f"box {box.name!r} is a mesh: choose one distance from all of its walls"
-                )
-            if (np.array(box.size) <= margin.lower + margin.upper).any():
-                raise ArgumentError(f"box {box.name!r}: {margin.text(unit)} leave no space in it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +35,7 @@ class PackTask:
     Attributes
     ----------
     objective : str
-        One of `GOALS`.
+        See `core.choices.Goal`.
     keep_out : tuple of PreparedPart
         The volumes that stay free in every box.
     fixed : tuple of PreparedPart
@@ -250,62 +60,6 @@ class PackTask:
     notes: tuple[str, ...] = ()
     inputs: tuple[Path, ...] = ()
     outlines: Mapping[str, PreparedPart] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        check_objective(self.objective, self.boxes)
-        if self.objective == "value" and all(each.part.value is None for each in self.parts):
-            with about("objective"):
-                raise ArgumentError("the objective value needs parts with a value, from a manifest")
-        with about("fixed"):
-            self._check_fixed()
-        check_margin(self.margin, self.boxes, self.unit)
-        if any(box.limits.max_mass is not None for box in self.boxes):
-            with about("max_mass"):
-                self._check_masses("limits on the mass in a box")
-        masses = [each.mass is None for each in self.parts]
-        if any(box.limits.balance is not None for box in self.boxes) and not all(masses):
-            with about("balance"):
-                self._check_masses("a balance by mass, since other parts have one,", "needs")
-        if self.settings.even and self.is_constrained:
-            with about("even"):
-                raise ArgumentError(
-                    "even is not possible with constraints, which parts that move break"
-                )
-        with about("powder"):
-            self._check_powder()
-        for box in self.boxes:
-            self.constraints.check_container(box.container)
-        if self.settings.groups:
-            with about("groups"):
-                self._check_groups()
-        if self.settings.order is not None and (lacking := self._without_stop()):
-            with about("order"):
-                raise ArgumentError(
-                    f"the order delivery needs a stop of each part: {lacking!r} has none; a "
-                    "manifest has the field 'stop'"
-                )
-
-    def _check_powder(self) -> None:
-        """Raise ArgumentError if a powder is asked for and not possible."""
-        if self.settings.powder is None:
-            return
-        self._check_masses("a powder", "needs")
-        for box in self.boxes:
-            if form_of(box.container) == "mesh":
-                raise ArgumentError(f"a powder needs a box or a cylinder, not {box.name!r}, a mesh")
-
-    def _check_fixed(self) -> None:
-        """Raise ArgumentError if the fixed parts can't be where they are."""
-        if self.fixed and (len(self.boxes) > 1 or self.boxes[0].count != 1):
-            raise ArgumentError("parts that are fixed need one box: they are only in that one")
-        container = self.boxes[0].container
-        for each in self.fixed:
-            name = f"fixed: part {each.part.name!r}"
-            item = CheckedItem(name, each.item_type, Placement(0), container.longest)
-            for fault in container.faults(item, slack=self.tolerance):
-                raise ArgumentError(
-                    f"{name} {fault}, in {self.unit}: choose a keep-out for what is not inside it"
-                )
 
     @property
     def unit(self) -> Unit:
@@ -335,15 +89,6 @@ class PackTask:
         """The parts, and then those that are fixed."""
         return (*self.parts, *self.fixed)
 
-    def check_ways(self, instructions: bool, film: bool) -> None:
-        """Raise ArgumentError if instructions or films are not possible with its containers."""
-        for name, asked in (("instructions", instructions), ("films", film)):
-            for box in self.boxes:
-                if asked and form_of(box.container) == "mesh":
-                    raise ArgumentError(
-                        f"{name} are not possible for {box.name!r}, a mesh: choose a box"
-                    )
-
     @property
     def all_meshes(self) -> tuple[PreparedPart, ...]:
         """The meshes of all parts, of volumes that stay free, and of containers."""
@@ -360,8 +105,6 @@ class PackTask:
         settings = self.settings
         parts = [each.part for each in self.all_parts]
         max_loads = {n: one.max_load for n, one in enumerate(parts) if one.max_load is not None}
-        if max_loads:
-            self._check_masses("load limits")
         centimetres = UNITS_CM[self.unit]
         return Constraints(
             removable=settings.removable,
@@ -387,33 +130,6 @@ class PackTask:
             return {}
         return {n: each.part.stop for n, each in enumerate(self.parts) if each.part.stop}
 
-    def _without_stop(self) -> str | None:
-        """Return the name of a part that has no stop."""
-        return next((each.part.name for each in self.parts if each.part.stop is None), None)
-
-    def _check_groups(self) -> None:
-        """Raise ArgumentError if the rules of groups are not possible."""
-        if not self.groups:
-            raise ArgumentError(
-                "rules of groups need parts with a group: a manifest has the field 'group'"
-            )
-        if "kit" not in self.settings.groups:
-            return
-        for group, numbers in self.groups.items():
-            for n in numbers:
-                if self.parts[n].part.as_many_as_fit:
-                    name = self.parts[n].part.name
-                    raise ArgumentError(f"the kit {group!r} needs a number of {name!r}, not max")
-                if n in self.too_large:
-                    name, why = self.parts[n].part.name, self.too_large[n]
-                    raise ArgumentError(f"the kit {group!r} fits into no box: {name} of {why}")
-            if not any(self.may_hold(box, numbers) for box in self.boxes):
-                count = sum(self.parts[n].part.count for n in numbers)
-                raise ArgumentError(
-                    f"the kit {group!r} fits into no box: its {count} parts are too many or too "
-                    "large together"
-                )
-
     @cached_property
     def groups(self) -> dict[str, list[int]]:
         """The numbers of the parts of each group."""
@@ -431,14 +147,6 @@ class PackTask:
         limits = box.limits.faults(masses)
         is_small = volume <= box.container.volume * (1 + SUM_ROUNDING)
         return is_small and not limits and all(fits(each, box, self.margin) for each in parts)
-
-    def _check_masses(self, what: str, verb: str = "need") -> None:
-        """Raise ArgumentError if something needs masses that are not known."""
-        for each in self.parts:
-            if each.mass is None:
-                raise ArgumentError(
-                    f"{what} {verb} masses: part {each.part.name!r} has no mass or density"
-                )
 
     def limits(self, packing: Packing) -> Limits:
         """Return the limits of the box of a packing."""

@@ -154,10 +154,15 @@ def rebuilt(
         ways = poses.places[packed] - poses.places[packed[:1]]
         packed = packed[np.linalg.norm(ways, axis=1).argsort(kind="stable")]
     goes = packed[: 1 + choices.integers(settings.max_rebuilt)]
-    n = len(task.order)
-    ranks = np.arange(n) + choices.normal(0, settings.shuffle * n, n)
-    order = task.order[ranks.argsort(kind="stable")]
+    order = shuffled(task.order, settings.shuffle, choices)
     return filled(problem, task, poses.changed(goes, 0), boxes, order, rng, budget)
+
+
+def shuffled(order: Ints, shuffle: float, choices: np.random.Generator) -> Ints:
+    """Change the ranks of items at random, with a standard deviation as a share of their number."""
+    n = len(order)
+    ranks = np.arange(n) + choices.normal(0, shuffle * n, n)
+    return order[ranks.argsort(kind="stable")]
 
 
 def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) -> Poses:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.geometry.arrays import Ints
 from packit_sim.parts.nesting.balancing import balanced
 from packit_sim.parts.nesting.cell_filling import filled_cells, settle_all
 from packit_sim.parts.nesting.filling import (
@@ -14,6 +17,7 @@ from packit_sim.parts.nesting.filling import (
     loaded,
     rebuilt,
     repaired,
+    shuffled,
     with_random_poses,
 )
 from packit_sim.parts.nesting.finer_sides import FinerSides
@@ -80,8 +84,9 @@ class KnapsackSearch(NestSearch):
         if problem.by_cells:
             poses = self._settled_and_filled(problem, poses, None, self._budget)
         poses = self._within_limits(problem, poses)
-        if self._task.limits.count:  # which need not run out: then the order by volume is better
-            order = self._task.order_by(self._task.volumes)
+        for order in self._other_orders():
+            if self._budget is not None and self._budget.is_late:
+                break
             other = constructed(problem, self._task, sizes, self._rng, self._budget, order)
             poses = max(poses, self._within_limits(problem, other), key=self._value)
         solution = self._solution(poses)
@@ -90,6 +95,19 @@ class KnapsackSearch(NestSearch):
         self._good = self._current = self._own(solution.poses)
         self._rebuilt = solution.poses
         return solution
+
+    def _other_orders(self) -> Iterator[Ints]:
+        """Yield further orders of construction: with limits it matters more which items come first.
+
+        Limits need not run out: then the order by volume is better than that of the task.
+        """
+        task = self._task
+        if not task.limits.count:
+            return
+        orders = task.order_by(task.volumes), task.order
+        yield orders[0]
+        for number in range(task.settings.constructed_again // max(1, task.count)):
+            yield shuffled(orders[number % 2], task.settings.shuffle, self._choices)
 
     def _within_limits(self, problem: Problem, poses: Poses) -> Poses:
         """Take out items beyond the limits, which cells and packings to begin with do not know."""

@@ -65,6 +65,8 @@ class SearchSettings:
         Samples for each item of a construction.
     construction_seconds : float
         Seconds that the first construction of a knapsack has at least, even if the time is over.
+    constructed_again : int
+        Items that are placed in further constructions of a knapsack with limits, in all.
     samples : int
         Samples of a move in a separation.
     passes_at_once : int
@@ -155,6 +157,7 @@ class SearchSettings:
     compacting_moves: int = 3
     construction_samples: int = 150
     construction_seconds: float = 5.0
+    constructed_again: int = 256
     samples: int = 90
     passes_at_once: int = 5
     patience: int = 60

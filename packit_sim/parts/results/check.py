@@ -27,7 +27,7 @@ from packit_sim.geometry.parts import by_part, part_numbers
 from packit_sim.geometry.winding import winding_numbers
 from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.parts.filling.packed import PackedParts
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.containers import Container
 from packit_sim.parts.packings.cylinders import CylinderContainer

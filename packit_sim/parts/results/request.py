@@ -14,7 +14,8 @@ from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.filling.preparation import prepared_task
-from packit_sim.parts.filling.task import PackSettings, PackTask
+from packit_sim.parts.filling.settings import PackSettings
+from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.packings.bounds import Extent
 from packit_sim.parts.packings.container_files import FormName, form_of
 from packit_sim.parts.packings.cylinders import CylinderContainer

@@ -12,7 +12,7 @@ from packit_sim.core.choices import Door, Goal, GroupRule, LoadingOrder
 from packit_sim.core.errors import ArgumentError, about
 from packit_sim.parts.filling.preparation import prepared_boxes
 from packit_sim.parts.filling.setting_texts import read_settings
-from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.packings.bounds import COUNTS
 from packit_sim.parts.packings.turning import Turning

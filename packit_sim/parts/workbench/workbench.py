@@ -24,6 +24,7 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.temporary_folders import TemporaryFolder
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
+from packit_sim.parts.filling.task_checks import check_ways
 from packit_sim.parts.reading.named_containers import named_containers
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
@@ -342,7 +343,7 @@ class Workbench:
 
         with kept:
             task = prepared_task(read.parts, read.box, job.objective, read.settings, show_step)
-            task.check_ways(job.instructions, film=False)
+            check_ways(task, job.instructions, film=False)
             end = max(start + job.seconds, time.perf_counter() + job.seconds / 3)
             earlier, locked = (None, ()) if before is None else (before.packed, before.locked)
             packed, locked = repacked(task, earlier, locked, end, better)
