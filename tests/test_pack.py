@@ -253,7 +253,7 @@ def test_shelves_are_shown_before_the_search(monkeypatch) -> None:
     def searched(*arguments: Any, **settings: Any) -> None:
         before.extend(shown)
 
-    monkeypatch.setattr(search, "nest", searched)
+    monkeypatch.setattr(box_nesting, "nest", searched)
     parts = [cube(count=6)]
     packed = pack(parts, "25x25x15mm", settings=QUICK, callback=lambda p, _: shown.append(p.count))
     assert before == [4] and packed.count == 4
