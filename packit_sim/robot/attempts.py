@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import trimesh
 
 from packit_sim import placement
@@ -62,7 +63,8 @@ def attempt(
         route = arm.route(path, _load(aside, cell), (cell.seed, number))
     if grasp is None or route is None:
         outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH
-        done = Execution(outcome, (*actual, aside), Recording())
+        no_way = Recording(np.empty((0, cell.joints)))
+        done = Execution(outcome, (*actual, aside), no_way)
     else:
         done = execute(
             actual,
