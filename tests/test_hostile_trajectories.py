@@ -30,7 +30,7 @@ from packit_sim.robot.trajectory import MAX_STEPS, Attempt, Trajectory
 CELLS = (100, 100, 100)
 SHAPE = Shape.from_mesh(creation.box((1, 2, 3)), "box/a")
 ITEM = PosedItem.at(Item(SHAPE, 0.02), Motion.shift((0.5, 0.5, 0.2)))
-ROW = [0.5, 0.5, 0.2, 1.0, 0, 0, 0]
+POSES = np.array([[0.5, 0.5, 0.2, 1.0, 0, 0, 0]] * 2)
 
 Arrays = dict[str, Any]
 

@@ -215,9 +215,9 @@ def _fault(number: int, record: AttemptRecord, own: Recording, head: _Head) -> s
         return "a quaternion is no rotation: its length must be 1"
     if len(own.rows) != len(own.poses):
         return f"it has {len(own.rows)} rows and {len(own.poses)} poses"
-    if not ((0 <= items) & (items <= number)).all():
+    if not ((items >= 0) & (items <= number)).all():
         return f"a row is of an item that is none of the first {number + 1}"
-    if not ((0 <= steps) & (steps < count)).all() or (np.diff(steps) < 0).any():
+    if not ((steps >= 0) & (steps < count)).all() or (np.diff(steps) < 0).any():
         return f"its rows are not those of its {count} steps, one after the other"
     if not record.held[0] <= record.held[1] <= count:
         return f"it is held from {record.held[0]} to {record.held[1]} of {count} steps"
