@@ -37,9 +37,7 @@ Arrays = dict[str, Any]
 
 def trajectory() -> Trajectory:
     """One item that a cup holds from step 1 to 3 of 5."""
-    own = Recording(
-        np.zeros((5, 4)), (1, 3), 0.004, np.array([[0, 0], [2, 0]]), np.array([ROW] * 2)
-    )
+    own = Recording(np.zeros((5, 4)), (1, 3), 0.004, np.array([[0, 0], [2, 0]]), POSES)
     return Trajectory(RobotCell(), CELLS, (Attempt(ITEM, ITEM, Outcome.PLACED, own),))
 
 
