@@ -14,7 +14,7 @@ import msgspec
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.configuration import config_folder
 from packit_sim.core.errors import ArgumentError, located
-from packit_sim.core.files import exists
+from packit_sim.core.files import exists, read_whole
 from packit_sim.parts.reading.boxes import Boxes, BoxType, OneBox
 from packit_sim.parts.reading.limits import Limits, grams
 
@@ -127,8 +127,8 @@ def _read(file: Path) -> dict[str, NamedContainer]:
     """Read a file of containers."""
     with located(file, ArgumentError):
         try:
-            entries = msgspec.toml.decode(file.read_bytes(), type=dict[str, _Entry])
-        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+            entries = msgspec.toml.decode(read_whole(file), type=dict[str, _Entry])
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise ArgumentError(f"it is no file of containers: {error}") from None
         return {name: _container(name, entry) for name, entry in entries.items()}
 
