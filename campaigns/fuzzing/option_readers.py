@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 from unittest import mock
 
 import typer
@@ -50,9 +51,11 @@ def _read_containers(data: bytes) -> None:
 
 def _read_preset(data: bytes) -> None:
     file = world.written("presets/preset.json", data)
-    command = get_command(app).get_command(None, "pack")
+    commands: Any = get_command(app)
     try:
-        command.make_context("pack", ["a.stl", "--out", "x", "--preset", str(file)])
+        commands.get_command(None, "pack").make_context(
+            "pack", ["a.stl", "--out", "x", "--preset", str(file)]
+        )
     except typer.TyperException as error:  # such as a required option that is missing
         raise ArgumentError(error.format_message()) from None
 
@@ -63,7 +66,7 @@ def _read_texts(data: bytes) -> None:
     for line in data.decode("utf-8", "surrogateescape").split("\n"):
         name, _, text = line.partition(" ")
         given[name] = text
-    several = {
+    several: Any = {
         name: [given[name]] for name in ("max_mass", "max_parts", "balance") if name in given
     }
     read_turning(given.get("max_tilt"), given.get("down"))
