@@ -481,7 +481,12 @@ class Judge:
         placed: Sequence[tuple[str, int, Body]],
         meshes: Mapping[str, Body],
     ) -> list[float]:
-        """Judge the limits of the boxes; return the numbers that the summary has of them.
+        """Judge the limits of the boxes.
+
+        Returns
+        -------
+        list of float
+            The numbers that the summary has of them.
 
         Raises
         ------
