@@ -56,6 +56,44 @@ WRONG: dict[str, Callable[[Any], object]] = {
 }
 
 
+DELIVERED: dict[str, tuple[int, Callable[[Any], object]]] = {
+    "another door": (3, lambda r: (r["request"].update(door="y-"), r["summary"].update(door="y-"))),
+    "a door that is none": (3, lambda r: r["request"].update(door="z-")),
+    "an order that is none": (3, lambda r: r["request"].update(order="size")),
+    "the last one first": (3, lambda r: r["items"].reverse()),
+    "other deliveries": (3, lambda r: r["summary"].update(deliveries="stop 1: 6")),
+    "groups together in two boxes": (4, lambda r: r["items"][0].update(box=1)),
+    "a rule that is none": (4, lambda r: r["request"].update(groups=["alone"])),
+    "less powder": (4, lambda r: r["request"]["powder"].update(density=0.4)),
+    "no fresh powder": (4, lambda r: r["request"]["powder"].update(refresh=0)),
+    "another mass in a box": (
+        4,
+        lambda r: r["summary"].update(limits=r["summary"]["limits"].replace("18 of", "19 of")),
+    ),
+}
+"""Changes of doors, stops, groups, limits and powder: the judge and the product refuse them."""
+
+
+@pytest.mark.parametrize("what", DELIVERED)
+def test_the_judge_and_the_product_find_wrong_deliveries_and_limits(
+    what: str, right: list[Case]
+) -> None:
+    number, change = DELIVERED[what]
+    case = right[number]
+    record = json.loads(json.dumps(case.record))
+    change(record)
+    data = json.dumps(record).encode()
+    assert Judge(case.folder, case.record).verdict(data).state == "wrong"
+    file = case.folder / "changed.json"
+    file.write_bytes(data)
+    try:
+        problems = [str(one) for one in verification.verify_record(file).problems]
+    except PackItError as error:
+        problems = [str(error)]
+    file.unlink()
+    assert problems
+
+
 @pytest.mark.parametrize("what", WRONG)
 def test_the_judge_finds_what_is_wrong(what: str, right: list[Case]) -> None:
     record = json.loads(json.dumps(right[0].record))
@@ -101,6 +139,16 @@ UNREAD: dict[str, tuple[int, str, int, str, Any]] = {
     "a balance that nobody said": (0, "boxes", 0, "balance", 0.5),
     "a clearance that is a text": (0, "parts", 0, "clearance", "1mm"),
     "a clearance that nobody said": (0, "parts", 0, "clearance", 1.0),
+    "a stop that comes too late": (3, "parts", 0, "stop", 4),
+    "a part without a stop": (3, "parts", 1, "stop", None),
+    "a stop that is true": (3, "parts", 0, "stop", True),
+    "a tilt that is not allowed": (3, "parts", 0, "max tilt", 181),
+    "a side that is not down": (3, "parts", 2, "down", ["z+"]),
+    "a group in two boxes": (4, "parts", 1, "group", "A"),
+    "a kit that is not whole": (4, "parts", 0, "count", 4),
+    "a mass above the limit": (4, "boxes", 0, "max mass", 35.9),
+    "parts above the limit": (4, "boxes", 0, "max parts", 4),
+    "out of balance": (4, "boxes", 0, "balance", 0.005),
 }
 """Fields that a judge could leave unread: it and the product refuse these values."""
 
@@ -209,6 +257,19 @@ PLANTED: dict[str, tuple[str, str, Any, tuple[str, Any]]] = {
     "masses": ("volumes and masses", "verified, but", verification, ("_masses", _nothing)),
     "boxes and settings": ("clearances", "verified, but", verification, ("_settings", _nothing)),
     "obstacles": ("obstacles", "verified, but", verification, ("_obstacles", _nothing)),
+    "groups": ("groups", "verified, but", verification, ("_groups", _nothing)),
+    "orders": (
+        "door, stops and order",
+        "verified, but",
+        verification,
+        ("order_faults", _nothing),
+    ),
+    "balances": (
+        "limits of a box",
+        "verified, but",
+        verification,
+        ("balance_fault", lambda *_: ""),
+    ),
     "exports": ("an export", "verified, but", verification, ("_files", lambda *_: ([], []))),
     "links": (
         "links",

@@ -516,7 +516,7 @@ def _header(kind: str, shape: tuple[int, ...]) -> bytes:
     ("rows", "zeros", "message"),
     [
         (10**13, 60, "'vertices' would take 60,000,000,000,000 bytes"),
-        (10**7, 6 * 10**7, "'vertices' would take 60,000,000 bytes: the file is too small"),
+        (10**7, 6 * 10**7, "'vertices' would take 60,000,000 bytes: at most"),
         (20, 60, "'vertices' does not have the 120 bytes of its shape"),
         (5, 60, "'vertices' does not have the 30 bytes of its shape"),
         (-3, 60, "block.npz: not the mesh of 'block'"),

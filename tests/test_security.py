@@ -19,9 +19,10 @@ from packit_sim.libraries import folder, mesh_limits, step_files
 from packit_sim.libraries.importer import ImportSettings
 from packit_sim.parts.filling import preparation
 from packit_sim.parts.packings import bounds, validity
-from packit_sim.parts.reading import prepared, tables
+from packit_sim.parts.reading import limits, prepared, tables
 from packit_sim.parts.workbench import uploads, workbench
 from packit_sim.parts.workbench.workbench import Workbench
+from packit_sim.robot import gantry, trajectory
 from packit_sim.web import http_server, origins
 from tests.doc_pages import DOCS, ROOT
 
@@ -49,6 +50,9 @@ LIMITS = (
     (f"{tables.MAX_CELLS // 10**6} million cells", "manifests of parts"),
     (f"counts up to {bounds.MAX_COUNT:,}", "manifests of parts"),
     (f"{validity.MAX_PROBLEMS:,} problems", "`packing.json`"),
+    (f"{trajectory.MAX_STEPS:,} steps", "trajectories of an arm"),
+    (f"{gantry.MOST_BOXES} boxes of {gantry.SMALLEST:.0e}".replace("e-0", "e-"), "an arm's URDF"),
+    (f"to {gantry.FARTHEST:,.0f} m", "an arm's URDF"),
     (f"{minari_format.MAX_COMPRESSION:,} times the size", "recordings"),
     (f"at most {prepared.MAX_TRIANGLES // 10**6} million triangles, all parts", "A part to pack"),
     (f"together have {preparation.MAX_TRIANGLES // 10**6} million", "A part to pack"),
@@ -74,6 +78,7 @@ BOUNDS = {
     "values": bounds.VALUES,
     "masses": bounds.MASSES,
     "loads": bounds.LOADS,
+    "shares of a balance": limits.SHARES,
     "densities": bounds.DENSITIES,
     "times to search": bounds.SECONDS,
     "passes of a search": bounds.ITERATIONS,

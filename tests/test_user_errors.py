@@ -46,7 +46,18 @@ WRONG = [
     ("pack good.off --box 9x9x9 --out x --rotations fixed --down x+", "the side x+ down"),
     ("pack good.off --box 9x9x9 --out x --groups kit", "rules of groups need parts with a group"),
     ("pack good.off --container prusa-mk44 --out x", "not known: is it 'prusa-mk4'?"),
-    ("pack good.off --preset list.json --out x", "list.json: it has no object 'options'"),
+    ("pack good.off --preset list.json --out x", "list.json: a preset must be a JSON object"),
+    ("pack good.off --preset packing.json --out x", "packing.json: field 'options' is missing"),
+    ("pack good.off --preset other.json --out x", "it is of another command, 'nest'"),
+    ("pack good.off --preset truth.json --out x", "option 'boxes' is True: it is no yes or no"),
+    ("pack good.off --preset /dev/zero --out x", "/dev/zero: not a regular file"),
+    (
+        "pack good.off --box 9x9x9 --out x --save-preset manifest.csv",
+        "manifest.csv is there, and not a file that this command writes",
+    ),
+    ("pack good.off --box 9x9x9 --out x --save-preset good.off", "good.off is an input"),
+    ("pack good.off --box 9x9x9 --out x --keep-out=", "the name of a file is empty"),
+    ("execute packing.json --replay replays", "box-0/replay.json is there, and not a file that"),
     ("pack good.off --preset absent.json --out x", "absent.json: No such file"),
     (
         "pack good.off --box 9x9x9 --out x --balance 10",
@@ -365,6 +376,10 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "binary.jsonl").write_bytes(b"\xff\xfe\x00\x80" * 20)
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "bad.stl").write_bytes(b"no mesh")
+    (tmp_path / "other.json").write_text('{"command": "nest", "options": {}}')
+    (tmp_path / "truth.json").write_text('{"options": {"boxes": true}}')
+    (tmp_path / "replays" / "box-0").mkdir(parents=True)
+    (tmp_path / "replays" / "box-0" / "replay.json").write_text('{"my": "own"}')
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("not a folder")
     monkeypatch.chdir(tmp_path)
@@ -404,6 +419,14 @@ def test_a_wrong_command_line_is_one_line_on_stderr(
     assert code == 2, errors
     assert errors.startswith("error: ") and errors.count("\n") == 1, errors
     assert message in errors
+
+
+def test_a_long_value_is_not_printed_whole(
+    workplace: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run(f"pack good.off --box 9x9x9 --out x --door {'x' * 9999}", monkeypatch) == 2
+    errors = capfd.readouterr().err
+    assert "more] " in errors and len(errors) < 2100
 
 
 def test_an_operating_system_error_names_the_file(

@@ -80,6 +80,21 @@ class Body:
         return float(gaps.max())
 
     @lru_cache(MOST)  # noqa: B019
+    def gap_on_way(self, other: Body, way: tuple[float, float, float]) -> float:
+        """Return the same gap to all that this body passes on a straight way."""
+        shift = np.array(way)
+        edges = np.vstack([self.edges, shift / np.linalg.norm(shift)])
+        cross = np.cross(edges[:, None], other.edges[None]).reshape(-1, 3)
+        sides = np.cross(self.edges, shift)
+        axes = np.vstack([self.normals, other.normals, _directions(np.vstack([sides, cross]))])
+        own = np.vstack([self.vertices, self.vertices + shift]) @ axes.T
+        theirs = other.vertices @ axes.T
+        gaps = np.maximum(
+            own.min(axis=0) - theirs.max(axis=0), theirs.min(axis=0) - own.max(axis=0)
+        )
+        return float(gaps.max())
+
+    @lru_cache(MOST)  # noqa: B019
     def distance(self, other: Body) -> float:
         """Return the distance; 0 if the bodies overlap."""
         if self.gap(other) <= 0:

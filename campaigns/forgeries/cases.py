@@ -20,7 +20,9 @@ from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.turning import Turning
 from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.powder import Powder
 from packit_sim.parts.results.check import check
 from packit_sim.parts.results.record import update_record, write_record
 
@@ -40,11 +42,15 @@ class Case:
 
 
 def cases(folder: Path) -> list[Case]:
-    """Write the records of three packings."""
-    return [
-        _case(folder / name, *given)
-        for name, given in (("walls", _walls()), ("touching", _touching()), ("inches", _inches()))
-    ]
+    """Write the records of five packings."""
+    given = {
+        "walls": _walls(),
+        "touching": _touching(),
+        "inches": _inches(),
+        "stops": _stops(),
+        "limits": _limits(),
+    }
+    return [_case(folder / name, *each) for name, each in given.items()]
 
 
 def _case(
@@ -63,7 +69,7 @@ def _case(
             task.gap,
             "knapsack",
         )
-        for box, own in zip(boxes, places, strict=True)
+        for box, own in zip((*boxes, boxes[-1]), places, strict=False)
     ]
     packed = PackedParts(task, tuple(packings))
     found = check(packed)
@@ -127,3 +133,31 @@ def _inches() -> Any:
     places = [(0, _at(1.5, 0.5, 0.5)), (0, _at(5, 1, 1, turn=turn)), (1, _at(3, 5, 3))]
     settings = PackSettings(clearance=0.05, unit="in", fixed=[shelf])
     return parts, [BoxType((10, 6, 4))], settings, [places]
+
+
+def _stops() -> Any:
+    """Parts of three stops behind a door at the side, each touching the one before it."""
+    parts = [
+        Part("first", _block(20, 40, 20), 2, stop=1, rotations="yaw-4"),
+        Part("second", _block(30, 20, 20), 2, stop=2, turning=Turning(max_tilt=90)),
+        Part("last", _wedge(20), 2, stop=3, rotations="yaw-4", turning=Turning(down=("z-",))),
+    ]
+    places = [(2, _at(0, 0, 0)), (2, _at(0, 40, 0, turn=_TURN.T)), (1, _at(35, 10, 10))]
+    places += [(1, _at(35, 30, 10)), (0, _at(60, 20, 10)), (0, _at(60, 20, 30))]
+    settings = PackSettings(door="x+", order="delivery")
+    return parts, [BoxType((80, 40, 40), "van")], settings, [places]
+
+
+def _limits() -> Any:
+    """Two boxes of a size with limits, a balance and groups, in a bed of powder."""
+    parts = [
+        Part("a", _block(20, 20, 10), 3, group="A", density=1.0, rotations="yaw-4"),
+        Part("b", _block(30, 20, 10), 3, group="B", density=2.0),
+        Part("c", _block(20, 10, 10), 2, group="A", mass=3.0),
+    ]
+    limits = Limits(max_mass=40.0, max_parts=5, balance=0.1)
+    one = [(0, _at(20, 20, 5)), (0, _at(42, 42, 5)), (0, _at(20, 42, 5))]
+    one += [(2, _at(43, 16, 5)), (2, _at(30, 30, 15.5))]
+    other = [(1, _at(30, 19, 5)), (1, _at(30, 40, 5)), (1, _at(30, 30, 16))]
+    settings = PackSettings(groups=("apart", "kit"), powder=Powder(0.45, 0.2))
+    return parts, [BoxType((60, 60, 40), "bed", 2, limits=limits)], settings, [one, other]

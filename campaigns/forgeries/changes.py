@@ -272,7 +272,7 @@ def box(record: Record, folder: Path, rng: Random) -> None:
     if rng.random() < 0.7 and number == 0:
         record["box"] = size
     if rng.random() < 0.5:
-        record["request"]["boxes"][number]["size"] = size
+        record["request"]["boxes"][min(number, len(record["request"]["boxes"]) - 1)]["size"] = size
 
 
 def box_name(record: Record, folder: Path, rng: Random) -> None:
@@ -340,6 +340,69 @@ def file_frame(record: Record, folder: Path, rng: Random) -> None:
         part["scale"] *= _factor(rng)
     else:
         part["up"] = rng.choice(("x", "y", "z", "w"))
+
+
+def way_in(record: Record, folder: Path, rng: Random) -> None:
+    """Change the door, the stops, or the order in which parts are put in."""
+    request = record["request"]
+    match rng.randrange(5):
+        case 0:
+            request["door"] = rng.choice(("x-", "x+", "y-", "y+", "z+", "z-", None))
+            if rng.random() < 0.5:
+                record["summary"]["door"] = request["door"]
+        case 1:
+            request["order"] = rng.choice((None, "delivery", "size"))
+        case 2:
+            request["insertable"] = rng.choice((True, False, 1, None))
+        case 3:
+            part = rng.choice(request["parts"])
+            part["stop"] = rng.choice((None, 0, 1, 2, 3, 10_000, 10_001, 1.5, "2", True))
+        case _:
+            rng.shuffle(record["items"])
+
+
+def group(record: Record, folder: Path, rng: Random) -> None:
+    """Change the group of a part, or the rules of groups."""
+    request = record["request"]
+    if rng.random() < 0.5:
+        rules = ("together", "apart", "kit", "alone", 3)
+        request["groups"] = rng.sample(rules, rng.choice((0, 1, 1, 2)))
+    else:
+        part = rng.choice(request["parts"])
+        part["group"] = rng.choice((None, "A", "B", "", 3, *TEXTS))
+
+
+def limit(record: Record, folder: Path, rng: Random) -> None:
+    """Change a limit of a box, sometimes also in the summary."""
+    box = rng.choice(record["request"]["boxes"])
+    values = {
+        "max mass": (None, 18, 36, 35.9, 40.0, 54, 1e-10, 1e13, "40kg", True),
+        "max parts": (None, 3, 5, 4, 8, 0, 10_001, 2.5, "5"),
+        "balance": (None, 0.1, 0.001, 0.2, 0.5, 0.6, 0, -0.1, "10%", True),
+    }
+    name = rng.choice(list(values))
+    before, box[name] = box[name], rng.choice(values[name])
+    if isinstance(before, float | int) and isinstance(box[name], float | int):
+        factor = 100 if name == "balance" else 1
+        texts = record["summary"].get("limits", "")
+        new = texts.replace(f"of {factor * before:.5g}", f"of {factor * box[name]:.5g}")
+        if texts and rng.random() < 0.7:
+            record["summary"]["limits"] = new
+
+
+def powder(record: Record, folder: Path, rng: Random) -> None:
+    """Change the powder, or what the summary says of it."""
+    request = record["request"]
+    match rng.randrange(3):
+        case 0:
+            density = rng.choice((0.45, 0.5, 0, -1, 1e9, 1e-9, "0.45", None))
+            request["powder"] = {"density": density, "refresh": rng.choice((0.2, 1, 0, 1.1, "20%"))}
+        case 1:
+            request["powder"] = rng.choice((None, {}, [], "0.45:20%", 3))
+        case _:
+            text = record["summary"].get("powder", "125.2 g, 43% of it parts; 25 g fresh at 20%")
+            new = text.replace(rng.choice("0123456789"), rng.choice("0123456789"), 1)
+            record["summary"]["powder"] = new
 
 
 def obstacles(record: Record, folder: Path, rng: Random) -> None:
@@ -423,6 +486,10 @@ CHANGES: dict[str, Change] = {
     "set of rotations": rotations,
     "scale or axis of a file": file_frame,
     "obstacles": obstacles,
+    "door, stops and order": way_in,
+    "groups": group,
+    "limits of a box": limit,
+    "powder": powder,
     "a field of the request missing": request_field,
     "the request missing": request_missing,
 }

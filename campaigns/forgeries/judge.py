@@ -11,6 +11,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, NamedTuple
 
@@ -45,16 +46,20 @@ SETS: Mapping[str, Floats] = {
 }
 """The sets of rotations of the cases; the only other one is `free`."""
 
-UNDECIDED = ("value", "priority", "no stack", "max load", "deviation", "group", "stop")
+UNDECIDED = ("value", "priority", "no stack", "max load", "deviation")
 """Fields of a requested part that the judge does not understand."""
 
-SETTINGS = (
-    *("accuracy", "removable", "insertable", "stable", "constraints", "separable", "groups"),
-    *("even", "door", "order"),
-)
+SETTINGS = ("accuracy", "removable", "stable", "constraints", "separable", "even")
 """The same of the request."""
 
-DOORS = ("x-", "x+", "y-", "y+", "z+")
+DOORS: Mapping[str, tuple[float, float, float]] = {
+    "x-": (-1, 0, 0),
+    "x+": (1, 0, 0),
+    "y-": (0, -1, 0),
+    "y+": (0, 1, 0),
+    "z+": (0, 0, 1),
+}
+"""The sides of a box through which parts come in, with the ways out."""
 
 DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
 
@@ -167,6 +172,9 @@ class Judge:
             self._own(item, parts[item["name"]])
             items.append((item["name"], as_integer(item["box"]), as_matrix(item["pose"])))
         self.places(request, items, record["box names"], meshes)
+        placed = [(name, box, meshes[name].moved(pose)) for name, box, pose in items]
+        self.groups(request, placed)
+        self._order(request, placed)
         self._told(record, request, items, meshes)
 
     def _part(self, part: Mapping[str, Any], known: Mapping[str, Any]) -> None:
@@ -357,6 +365,92 @@ class Judge:
                 limit = most.get(name, 0)
                 require(limit is None or number <= limit, f"{number} of {name!r}")
 
+    def groups(self, request: Mapping[str, Any], placed: Sequence[tuple[str, int, Body]]) -> None:
+        """Judge how groups of parts are in boxes.
+
+        Raises
+        ------
+        Wrong
+            If a rule of groups is broken.
+        """
+        rules = request.get("groups", [])
+        require(isinstance(rules, list | tuple), "the rules of groups")
+        require(all(rule in ("together", "apart", "kit") for rule in rules), "a rule of groups")
+        groups = {each["name"]: each.get("group") for each in request["parts"]}
+        known = {group for group in groups.values() if group is not None}
+        boxes = {
+            group: {box for name, box, _ in placed if groups[name] == group} for group in known
+        }
+        if "together" in rules or "kit" in rules:
+            require(all(len(own) < 2 for own in boxes.values()), "a group in two boxes")
+        if "apart" in rules:
+            for one, other in combinations(sorted(known), 2):
+                require(not boxes[one] & boxes[other], "two groups in a box")
+        if "kit" in rules:
+            for group in known:
+                asked = sum(p["count"] for p in request["parts"] if p.get("group") == group)
+                own = sum(groups[name] == group for name, _, _ in placed)
+                require(own in (0, asked), "a part of a kit")
+
+    def _order(self, request: Mapping[str, Any], placed: Sequence[tuple[str, int, Body]]) -> None:
+        """Judge whether parts can be put in, one after the other."""
+        stops = self._stops(request, [name for name, _, _ in placed])
+        for n, (name, box, _) in enumerate(placed):
+            earlier = [one for one in placed[:n] if one[1] == box]
+            require(all(stops[name] <= stops[other] for other, _, _ in earlier), "a later stop")
+            self._way(request, placed[n], earlier)
+
+    def deliveries(
+        self, request: Mapping[str, Any], placed: Sequence[tuple[str, int, Body]]
+    ) -> None:
+        """Judge whether parts can be taken out, those of each stop before those of later ones.
+
+        Raises
+        ------
+        Wrong
+            If a part can't.
+        """
+        stops = self._stops(request, [name for name, _, _ in placed])
+        left = list(placed)
+        while left:
+            first = min(stops[name] for name, _, _ in left)
+            before = len(left)
+            for one in [one for one in left if stops[one[0]] == first]:
+                others = [other for other in left if other is not one and other[1] == one[1]]
+                try:
+                    self._way(request, one, others)
+                except Wrong:
+                    continue
+                left.remove(one)
+            require(len(left) < before, "a part in the way")
+
+    def _stops(self, request: Mapping[str, Any], names: Sequence[str]) -> Mapping[str, int]:
+        """Return the stop of each part; 1 for all if nothing is delivered."""
+        require(type(request.get("insertable", False)) is bool, "insertable")
+        stops = {each["name"]: each.get("stop") for each in request["parts"]}
+        if request.get("order") is None:
+            return dict.fromkeys(stops, 1)
+        require(all(type(stops[name]) is int for name in names), "a part without a stop")
+        return stops
+
+    def _way(
+        self,
+        request: Mapping[str, Any],
+        one: tuple[str, int, Body],
+        others: Sequence[tuple[str, int, Body]],
+    ) -> None:
+        """Judge whether others are in a part's way through the door, if it has to be free."""
+        if request.get("order") is None and not request["insertable"]:
+            return
+        if request["fixed"] or request["keep out"]:
+            self.doubts.append("ways past obstacles")
+        longest = max(float(side) for box in request["boxes"] for side in box["size"])
+        x, y, z = (4 * longest * np.array(DOORS[request.get("door", "z+")])).tolist()
+        for _, _, other in others:
+            width = min(_tolerance(longest, one[2]), _tolerance(longest, other))
+            gap = one[2].gap_on_way(other, (x, y, z))
+            self._at_most(-gap, 0.3 * width, 2 * width, "a part in the way")
+
     def _turn(self, part: Mapping[str, Any], pose: Floats) -> None:
         """Judge the size and the rotation of an item."""
         require(pose[3].tolist() == [0, 0, 0, 1], "the last row")
@@ -380,18 +474,29 @@ class Judge:
         least = min(lowest[name] for name in part.get("down", SIDES))
         self._at_most(least - min(lowest.values()), 3e-7, 1e-5, "a side that may not face down")
 
-    def _limits(
+    def limits(
         self,
-        record: Mapping[str, Any],
         request: Mapping[str, Any],
+        box_names: Sequence[str],
         placed: Sequence[tuple[str, int, Body]],
-        masses: Mapping[str, float | None],
-        volumes: Mapping[str, float],
+        meshes: Mapping[str, Body],
     ) -> list[float]:
-        """Judge the limits of the boxes; return the numbers that the summary has of them."""
+        """Judge the limits of the boxes.
+
+        Returns
+        -------
+        list of float
+            The numbers that the summary has of them.
+
+        Raises
+        ------
+        Wrong
+            If a limit is not kept.
+        """
+        volumes, masses = _measured(request, meshes)
         boxes = {box["name"]: box for box in request["boxes"]}
         found: list[float] = []
-        for number, name in enumerate(record["box names"]):
+        for number, name in enumerate(box_names):
             inside = [masses[each] for each, box, _ in placed if box == number]
             sums = []
             if (most := boxes[name].get("max mass")) is not None:
@@ -413,7 +518,7 @@ class Judge:
                 off = np.abs(centre / np.array(boxes[name]["size"][:2]) - 0.5)
                 self._at_most(float(off.max()) - most, -2e-3, 2e-3, "out of balance")
                 sums += [*(100 * off).tolist(), 100 * most]
-            if sums and len(record["box names"]) > 1:
+            if sums and len(box_names) > 1:
                 found.append(number + 1)
             found += sums
         return found
@@ -460,13 +565,7 @@ class Judge:
         """Judge volumes, masses and the summary."""
         unit, summary = request["unit"], record["summary"]
         require(all(isinstance(each, str) for each in summary.values()), "the summary")
-        parts = {each["name"]: each for each in request["parts"]}
-        volumes = {n: meshes[n].volume * parts[n]["scale"] ** 3 for n in meshes}
-        masses: dict[str, float | None] = {}
-        for name, volume in volumes.items():
-            masses[name], density = parts[name]["mass"], parts[name]["density"]
-            if masses[name] is None and density is not None:
-                masses[name] = as_number(density) * volume * CENTIMETRES[unit] ** 3
+        volumes, masses = _measured(request, meshes)
         for each in record["parts"]:
             as_number(each["volume"])
             require(each["mass"] is None or as_number(each["mass"]) is not None, "a mass")
@@ -512,7 +611,7 @@ class Judge:
             true[line] = np.average(centres, axis=0, weights=weights).tolist()
         if (powder := request.get("powder")) is not None:
             true["powder"] = self._powder(powder, request, record["box names"], placed, masses)
-        if limits := self._limits(record, request, placed, masses, volumes):
+        if limits := self.limits(request, record["box names"], placed, meshes):
             true["limits"] = limits
         texts = _deliveries(request, [name for name, _, _ in placed])
         of_stops = {name: summary[name] for name in ("door", "deliveries") if name in summary}
@@ -598,6 +697,20 @@ def _deliveries(request: Mapping[str, Any], names: Sequence[str]) -> dict[str, s
         counts = sorted(Counter(stops[name] for name in names).items())
         texts["deliveries"] = ", ".join(f"stop {stop}: {count}" for stop, count in counts)
     return texts
+
+
+def _measured(
+    request: Mapping[str, Any], meshes: Mapping[str, Body]
+) -> tuple[dict[str, float], dict[str, float | None]]:
+    """Return the volumes of parts, and their masses in grams, where they have some."""
+    parts = {each["name"]: each for each in request["parts"]}
+    volumes = {name: mesh.volume * parts[name]["scale"] ** 3 for name, mesh in meshes.items()}
+    masses: dict[str, float | None] = {}
+    for name, volume in volumes.items():
+        masses[name], density = parts[name]["mass"], parts[name]["density"]
+        if masses[name] is None and density is not None:
+            masses[name] = as_number(density) * volume * CENTIMETRES[request["unit"]] ** 3
+    return volumes, masses
 
 
 def _own_clearance(part: Mapping[str, Any]) -> float:

@@ -111,6 +111,10 @@ def _resumed(case: Case, file: Path) -> tuple[int, list[str]]:
     try:
         judge.places(request, items, names, meshes)
         judge.counts(request, [name for name, _, _ in items], names)
+        placed = [(name, box, meshes[name].moved(pose)) for name, box, pose in items]
+        judge.groups(request, placed)
+        judge.deliveries(request, placed)
+        judge.limits(request, names, placed, meshes)
     except Wrong as wrong:
         return len(items), [f"resumed, but {wrong}"]
     return len(items), []

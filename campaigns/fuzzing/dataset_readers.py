@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from trimesh import creation
 
-from campaigns.fuzzing import world
+from campaigns.fuzzing import file_changes, world
 from campaigns.fuzzing.json_changes import json_tree
 from campaigns.fuzzing.reader import Reader
 from packit_sim.core.errors import PackItError
@@ -20,10 +20,16 @@ from packit_sim.game.datasets.manifests import Manifest, manifest_path
 from packit_sim.game.datasets.original import read_original
 from packit_sim.game.datasets.pack_files import dataset_library, read_packs, write_packs
 from packit_sim.game.evaluation.results import check_results, read_results
-from packit_sim.geometry.items import PlacedItem
+from packit_sim.geometry.items import PlacedItem, PosedItem
 from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.shapes import Item
 from packit_sim.parts.packings.instances import ITEM_ORIGINS, read_instance, read_solution
 from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.executed_item import Outcome
+from packit_sim.robot.measures import measures
+from packit_sim.robot.recording import Recording
+from packit_sim.robot.trajectory import Attempt, Trajectory
 from packit_sim.rules import Rules
 from packit_sim.selftest.cases import Case
 from packit_sim.selftest.replays import read_replay, replay_text
@@ -177,6 +183,22 @@ def _read_replay(data: bytes) -> None:
     case.box()
 
 
+def _trajectories() -> list[bytes]:
+    """Return an item that a cup of a gantry holds, and one for which there was no grasp."""
+    item = PosedItem.at(Item(world.library()["box/model0"], 0.0002), Motion.shift((0.5, 0.5, 0.2)))
+    poses = np.array([[0.5, 0.5, 0.2, 1.0, 0, 0, 0]] * 2)
+    held = Recording(np.zeros((5, 4)), (1, 3), 0.004, np.array([[0, 0], [2, 0]]), poses)
+    tried = ((Outcome.PLACED, held), (Outcome.NO_GRASP, Recording()))
+    attempts = tuple(Attempt(item, item, outcome, own) for outcome, own in tried)
+    return [Trajectory(RobotCell(), (100, 100, 100), attempts).to_bytes()]
+
+
+def _read_trajectory(data: bytes) -> None:
+    found = Trajectory.from_bytes(data, lambda id: world.library()[id])
+    if found.attempts and len(found.attempts) < 5:
+        measures(found, [one.chosen.item for one in found.attempts])
+
+
 READERS = (
     Reader("packs", "packs of format 2", lambda: _lines(world.packs()), _read_packs, json_tree),
     Reader("packs-1", "packs of format 1", lambda: _former("packs"), _read_packs, json_tree),
@@ -191,5 +213,13 @@ READERS = (
     Reader("instances", "strip-packing instances", _instances, _read_instance, json_tree),
     Reader("solutions", "solutions of instances", _solutions, _read_solution, json_tree),
     Reader("replays", "replays of `packit selftest`", _replays, _read_replay, json_tree),
+    Reader(
+        "trajectories",
+        "trajectories of an arm",
+        _trajectories,
+        _read_trajectory,
+        file_changes.archive(file_changes.npy),
+        20.0,
+    ),
 )
 """The readers of this module."""

@@ -33,6 +33,7 @@ _ROWS = (
     {"file": "box.stl", "count": 2, "value": 1.5, "rotations": "yaw-4", "priority": 1, "mass": 20},
     {"file": "box.stl", "name": "lid", "density": 7.8, "no_stack": "yes", "max_load": 0},
     {"file": "../parts/box.stl", "unit": "in", "count": 0},
+    {"file": "box.stl", "stop": 2, "group": "A", "clearance": "1mm", "max_tilt": 15, "down": "z-"},
 )
 
 

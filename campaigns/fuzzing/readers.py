@@ -9,6 +9,7 @@ from campaigns.fuzzing import (
     container_readers,
     dataset_readers,
     learning_readers,
+    option_readers,
     part_readers,
     shape_readers,
 )
@@ -20,6 +21,7 @@ READERS: dict[str, Reader] = {
         *dataset_readers.READERS,
         *part_readers.READERS,
         *container_readers.READERS,
+        *option_readers.READERS,
         *shape_readers.READERS,
         *learning_readers.READERS,
     )

@@ -18,6 +18,7 @@ from packit_sim.cli.help import Group, command, documented, write_summaries
 from packit_sim.cli.stopping import stoppable
 from packit_sim.core.errors import PackItError, message
 from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.core.plain_text import plain_line
 from packit_sim.core.signals import as_interrupts, end_at_once
 from packit_sim.core.version import DOCUMENTATION, __version__
 
@@ -218,5 +219,5 @@ def _message(error: PackItError | OSError | typer.TyperException) -> str:
 
 def _print_error(message: str) -> None:
     """Print a message as one line; none if it is empty, because the help was printed instead."""
-    if line := " ".join(message.split("\n")).strip():
+    if line := plain_line(message):
         terminal.print_error(line)

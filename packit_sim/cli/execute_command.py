@@ -25,6 +25,7 @@ from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
 
 with lazy_imports():
     from packit_sim.cli import evaluations, inputs, output, terminal
+    from packit_sim.core import files as core_files
     from packit_sim.core import parallel
     from packit_sim.game.datasets import pack_files
     from packit_sim.game.evaluation import executed, results
@@ -153,6 +154,8 @@ def execute_command(
                 raise ArgumentError(
                     f"{option} has no effect on {dataset}, which is {what}: leave it out"
                 )
+        for file in sorted(replay.glob("box-*/replay.json")) if replay else ():
+            core_files.require_replaceable(file, field=replays.FORMAT)
         with stoppable("the plan is not executed"):
             if is_packing:
                 plans = execution.execute_packing(dataset, cell)

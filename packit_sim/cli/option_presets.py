@@ -7,12 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import typer
+from msgspec import Struct
 
+from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError, located
-from packit_sim.core.files import replace_text
+from packit_sim.core.files import read_whole, replace_text
 
 PERSONAL = ("parts", "out", "force", "workers", "backend", "address", "preset", "save_preset")
 """Parameters that are of one run or machine, and not kept."""
+
+
+class _Preset(Struct):
+    options: dict[str, Any]
+    command: str = ""
 
 
 def use_preset(ctx: typer.Context, file: Path | None) -> Path | None:
@@ -31,13 +38,18 @@ def use_preset(ctx: typer.Context, file: Path | None) -> Path | None:
     if file is None or ctx.resilient_parsing:
         return file
     with located(file, ArgumentError):
-        options = _options(file)
+        preset = typed_json.decode(read_whole(file), _Preset, ArgumentError, "a preset")
+        options = preset.options
+        if preset.command not in ("", ctx.command.name):
+            raise ArgumentError(f"it is of another command, {preset.command!r}")
         known = {each.name: each for each in ctx.command.params if each.name not in PERSONAL}
         for name, value in options.items():
             if name not in known:
                 raise ArgumentError(
                     f"option {name!r} is not known: choose from {', '.join(sorted(known))}"
                 )
+            if isinstance(value, bool) and not getattr(known[name], "is_flag", False):
+                raise ArgumentError(f"option {name!r} is {value}: it is no yes or no")
             try:
                 known[name].process_value(ctx, value)
             except (typer.TyperException, TypeError, ValueError, PackItError) as error:
@@ -63,14 +75,3 @@ def save_preset(ctx: typer.Context, file: Path) -> None:
     }
     content = {"command": ctx.command.name, "options": given}
     replace_text(file, json.dumps(content, indent=1, default=str) + "\n")
-
-
-def _options(file: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(file.read_bytes())
-    except (ValueError, RecursionError) as error:
-        raise ArgumentError(f"it is not JSON: {error}") from None
-    options = content.get("options") if isinstance(content, dict) else None
-    if not isinstance(options, dict):
-        raise ArgumentError("it has no object 'options', as `--save-preset` writes it")
-    return options

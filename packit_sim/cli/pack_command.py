@@ -264,6 +264,7 @@ def pack_command(
         powder=powder,
     )
     if save_preset is not None:
+        output.prepare_folder(save_preset, *parts, *boxes_asked, field="options")
         option_presets.save_preset(ctx, save_preset)
     with stoppable(RESUMABLE), terminal.progress_bars() as progress:
         output.prepare_folder(out / "packing.json")

@@ -214,8 +214,10 @@ def triangles_cross(one: Floats, other: Floats) -> bool:
 
     Parameters
     ----------
-    one, other : ndarray of float64, shape (n, 3, 3)
+    one : ndarray of float64, shape (n, 3, 3)
         The corners of the triangles, at least one, near the origin.
+    other : ndarray of float64, shape (m, 3, 3)
+        The same of the other surface.
 
     Returns
     -------

@@ -23,7 +23,7 @@ ROTATION_SLACK = 1e-6
 MIN_SCALE = 1e-30
 """Smallest scale of a matrix."""
 
-_UNIT_SLACK = 1e-3
+UNIT_SLACK = 1e-3
 """Largest error of a unit quaternion's length: others may round what they write."""
 
 _SAME_SCALE = 1e-12
@@ -111,10 +111,10 @@ class Motion:
         Raises
         ------
         ArgumentError
-            If it is not a unit quaternion, within `_UNIT_SLACK`.
+            If it is not a unit quaternion, within `UNIT_SLACK`.
         """
         length = math.hypot(*wxyz)
-        if not abs(length - 1) <= _UNIT_SLACK:
+        if not abs(length - 1) <= UNIT_SLACK:
             raise ArgumentError(f"a quaternion of length {length:.6g} is no rotation: it must be 1")
         rotation, _ = split(transformations.quaternion_matrix(wxyz))
         return cls(rotation, np.zeros(3) if translation is None else translation, wxyz)

@@ -14,6 +14,7 @@ import trimesh
 
 from packit_sim.core.errors import MeshError
 from packit_sim.core.files import naming
+from packit_sim.core.npz_arrays import read_array
 from packit_sim.geometry.shapes import Shape
 
 MAX_COMPRESSION = 32
@@ -97,9 +98,9 @@ class QuantizedMesh:
         try:
             max_bytes = MAX_COMPRESSION * file.stat().st_size
             with ZipFile(file) as archive:
-                vertices = _array(archive, "vertices", ("<u2",), (None, 3), max_bytes)
-                faces = _array(archive, "faces", ("<u2", "<u4"), (None, 3), max_bytes)
-                extents = _array(archive, "extents", ("<f8",), (3,), max_bytes)
+                vertices = read_array(archive, "vertices", ("<u2",), (None, 3), max_bytes)
+                faces = read_array(archive, "faces", ("<u2", "<u4"), (None, 3), max_bytes)
+                extents = read_array(archive, "extents", ("<f8",), (3,), max_bytes)
         except Exception as error:  # numpy and zipfile raise any error for a damaged file
             raise MeshError(f"not a stored mesh: {error or type(error).__name__}") from error
         if not len(vertices) or not len(faces) or faces.max() >= len(vertices):
@@ -123,29 +124,3 @@ class QuantizedMesh:
         """Return the canonical mesh: exactly centred, bit for bit the same on every machine."""
         vertices = (self.vertices / LATTICE_STEPS - 0.5) * self.extents
         return trimesh.Trimesh(vertices, self.faces.astype(np.int64), process=False)
-
-
-def _array(
-    archive: ZipFile,
-    name: str,
-    kinds: tuple[str, ...],
-    shape: tuple[int | None, ...],
-    max_bytes: int,
-) -> npt.NDArray[Any]:
-    """Read an array of a given type, shape (None is any length) and maximum size in bytes."""
-    with archive.open(f"{name}.npy") as member:
-        if np.lib.format.read_magic(member) != (1, 0):
-            raise ValueError(f"{name!r} has another version of numpy's format")
-        lengths, by_columns, kind = np.lib.format.read_array_header_1_0(member)
-        fits = len(lengths) == len(shape) and all(
-            known in (None, length) for known, length in zip(shape, lengths, strict=True)
-        )
-        if kind.str not in kinds or not fits or by_columns:
-            raise ValueError(f"{name!r} is {kind} of shape {lengths}")
-        size = math.prod(lengths) * kind.itemsize
-        if size > max_bytes:
-            raise ValueError(f"{name!r} would take {size:,} bytes: the file is too small for that")
-        data = member.read(size + 1)  # to the end, where the checksum is compared
-    if len(data) != size:
-        raise ValueError(f"{name!r} does not have the {size:,} bytes of its shape {lengths}")
-    return np.frombuffer(data, kind).reshape(lengths)

@@ -16,8 +16,9 @@ import numpy as np
 import trimesh
 from lxml import etree
 
+from packit_sim.core.checks import shown
 from packit_sim.core.errors import ArgumentError, located
-from packit_sim.core.files import naming
+from packit_sim.core.files import naming, read_whole
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.robot.arm import CUP, STATION_REACH, Arm, Route, ToolPath, tool_rotation
@@ -27,6 +28,15 @@ from packit_sim.robot.presentation import JITTER
 
 KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 """The joints from the base to the tool of an arm that is driven: x, y, z and a wrist."""
+
+FARTHEST = 1e3
+"""Largest length in a URDF, m, and largest angle in radians."""
+
+SMALLEST = 1e-4
+"""Smallest side of a box in a URDF, m."""
+
+MOST_BOXES = 200
+"""Most boxes of the links in a URDF."""
 
 
 def _link(name: str, mass: float, size: tuple[float, float, float], at: float) -> str:
@@ -146,17 +156,18 @@ class Gantry(Arm):
         if cell.arm == "gantry":
             return cls.read(GANTRY if cell.level == 1 else TILTING_GANTRY, cell)
         path = Path(cell.arm)
-        with naming(path):
-            text = path.read_text(encoding="utf-8-sig")
-        with located(path, ArgumentError):
-            return cls.read(text, cell)
+        with naming(path), located(path, ArgumentError):
+            return cls.read(read_whole(path), cell)
 
     @classmethod
-    def read(cls, urdf: str, cell: RobotCell) -> Gantry:
+    def read(cls, urdf: str | bytes, cell: RobotCell) -> Gantry:
         """Read the text of a URDF, or raise ArgumentError."""
         try:
+            text = urdf.decode("utf-8-sig") if isinstance(urdf, bytes) else urdf
             parser = etree.XMLParser(resolve_entities=False, no_network=True)
-            robot = etree.fromstring(urdf.encode(), parser)
+            robot = etree.fromstring(text.encode(), parser)
+            if robot.getroottree().docinfo.doctype:  # others that read it would follow its entities
+                raise ArgumentError("the URDF has a DOCTYPE, which it does not need: leave it out")
             joints = [one for one in robot.iter("joint") if one.get("type") != "fixed"]
             found = tuple(str(one.get("type")) for one in joints)
             if not found:
@@ -167,15 +178,22 @@ class Gantry(Arm):
                     f"the URDF has the joints {', '.join(found)}: this needs {', '.join(kinds)}"
                 )
             limits = [one.find("limit").attrib for one in joints]
-            low, high = (tuple(float(one[end]) for one in limits) for end in ("lower", "upper"))
+            low, high = (
+                tuple(_numbers(one[end], 1, -FARTHEST)[0] for one in limits)
+                for end in ("lower", "upper")
+            )
             children = [str(one.find("child").get("link")) for one in joints]
+            if absent := set(children) - {one.get("name") for one in robot.iter("link")}:
+                raise ArgumentError(f"the URDF has no link {shown(min(absent))}")
+            if len(list(robot.iter("collision"))) > MOST_BOXES:
+                raise ArgumentError(f"the URDF has more than {MOST_BOXES} shapes of links")
             boxes = [box for link in robot.iter("link") for box in _boxes(link, children)]
         except (etree.XMLSyntaxError, AttributeError, KeyError, ValueError) as error:
             if isinstance(error, ArgumentError):
                 raise
             raise ArgumentError(f"the URDF can't be read: {error}") from None
         bodies, movers = tuple(body for _, body in boxes), tuple(mover for mover, _ in boxes)
-        return cls(cell, urdf, low, high, bodies, movers)
+        return cls(cell, text, low, high, bodies, movers)
 
     def poses(self, joints: Floats) -> list[Motion]:
         """Return where the bodies are, in m, and last the tool."""
@@ -243,8 +261,16 @@ def _boxes(link: Any, children: list[str]) -> list[tuple[int, trimesh.Trimesh]]:
         box, origin = collision.find("geometry/box"), collision.find("origin")
         if box is None:
             raise ArgumentError(f"link {link.get('name')!r} has a shape that is no box")
-        body = trimesh.creation.box([float(one) for one in str(box.get("size")).split()])
+        body = trimesh.creation.box(_numbers(str(box.get("size")), 3, SMALLEST))
         shift = "0 0 0" if origin is None else str(origin.get("xyz"))
-        body.apply_translation([float(one) for one in shift.split()])
+        body.apply_translation(_numbers(shift, 3, -FARTHEST))
         found.append((joint, body))
+    return found
+
+
+def _numbers(text: str, count: int, low: float) -> list[float]:
+    """Read numbers from a lowest one to `FARTHEST`, or raise ValueError."""
+    found = [float(one) for one in text.split()]
+    if len(found) != count or not all(low <= one <= FARTHEST for one in found):
+        raise ValueError(f"{shown(text)} is not {count} of numbers from {low:g} to {FARTHEST:g}")
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,16 @@ import numpy as np
 import trimesh
 from lxml import etree
 
-from packit_sim.core.files import replace_text
+from packit_sim.core.files import replace_text, require_replaceable, require_same
 from packit_sim.robot.arm import with_cup
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import GRAVITY
 from packit_sim.robot.trajectory import Trajectory
 
 FORMAT = "packit-robot-replay 1"
+
+_DIGITS = 12
+"""Digits of a digest in the names of files."""
 
 
 def write_replay(trajectory: Trajectory, folder: Path) -> Path:
@@ -27,8 +31,9 @@ def write_replay(trajectory: Trajectory, folder: Path) -> Path:
     trajectory : Trajectory
         The trajectory.
     folder : Path
-        A folder, which is created: `replay.json`, the URDF of the arm with each cup, and the mesh
-        of each item as OBJ, in m.
+        A folder, which is created: `replay.json`, and the files that it names, each with digits of
+        its SHA-256 in its name: the URDF of the arm with each cup, and the mesh of each item as
+        OBJ, in m. An earlier replay in it holds until `replay.json` is replaced.
 
     Returns
     -------
@@ -37,37 +42,39 @@ def write_replay(trajectory: Trajectory, folder: Path) -> Path:
 
     Raises
     ------
+    ArgumentError
+        If the folder has a `replay.json` of something else, or another file in the way.
     OSError
         If a file can't be written.
     """
+    file = folder / "replay.json"
+    require_replaceable(file, field=FORMAT)
     cell, cells = trajectory.cell, trajectory.cells
     arm = arm_of(cell, cells)
-    (folder / "meshes").mkdir(parents=True, exist_ok=True)
     robot = etree.fromstring(arm.urdf.encode())
     attempts: list[dict[str, Any]] = []
     for n, one in enumerate(trajectory.attempts):
         item, own = one.chosen.item, one.recording
-        mesh = folder / "meshes" / f"{n:03d}.obj"
         vertices = np.asarray(item.turned(0).mesh.vertices) * cell.edge
         body = trimesh.Trimesh(vertices, item.shape.mesh.faces, process=False)
-        replace_text(mesh, str(body.export(file_type="obj")))
-        urdf = f"arm-{own.radius:g}.urdf"
+        mesh = _written(folder / "meshes" / f"{n:03d}.obj", str(body.export(file_type="obj")))
+        urdf = None
         if own.radius:
-            replace_text(folder / urdf, with_cup(arm.urdf, own.radius))
+            name = f"arm-{own.radius:g}.urdf"
+            urdf = _written(folder / name, with_cup(arm.urdf, own.radius)).name
         attempts.append(
             {
                 "shape": item.shape.id,
                 "mesh": f"meshes/{mesh.name}",
                 "mass": cell.mass(item.volume),
                 "outcome": str(one.outcome),
-                "urdf": urdf if own.radius else None,
+                "urdf": urdf,
                 "held": list(own.held),
                 "joints": own.joints.tolist(),
                 "items": own.rows.tolist(),
                 "poses": (own.poses * np.array([cell.edge] * 3 + [1.0] * 4)).tolist(),
             }
         )
-    file = folder / "replay.json"
     content = {
         "format": FORMAT,
         "arm": cell.arm,
@@ -84,3 +91,14 @@ def write_replay(trajectory: Trajectory, folder: Path) -> Path:
     }
     replace_text(file, json.dumps(content) + "\n")
     return file
+
+
+def _written(file: Path, text: str) -> Path:
+    """Write a file whose name gets digits of its content's digest, and return its path."""
+    content = text.encode()
+    digest = hashlib.sha256(content).hexdigest()[:_DIGITS]
+    own = file.with_name(f"{file.stem}-{digest}{file.suffix}")
+    require_same(own, content)
+    own.parent.mkdir(parents=True, exist_ok=True)
+    replace_text(own, text)
+    return own

@@ -69,6 +69,11 @@ def first_filled_cells(
         How much time there is.
     end : SearchBudget, optional
         When it is late, no further items are tried.
+
+    Returns
+    -------
+    Poses
+        As of `filled_cells`.
     """
     side = cell_side(problem, task)
     if budget is not None and budget.seconds_left < math.inf:

@@ -54,6 +54,11 @@ class FinerSides:
         ----------
         progress : float
             The share of the search that is over.
+
+        Returns
+        -------
+        float or None
+            The side.
         """
         share = FINER * self._share
         if self._spent > 0:

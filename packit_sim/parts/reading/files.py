@@ -180,6 +180,8 @@ def defines_unit(file: Path) -> bool:
 
 def _rows(source: Path | str, unread: list[UnreadFile], notes: list[str]) -> Iterator[ManifestRow]:
     """Yield the files that a source names; add rows of a manifest that can't be read, and notes."""
+    if source == "":  # as a path it would be the current folder
+        raise ArgumentError("the name of a file is empty")
     path = Path(source)
     settings: Mapping[str, Any] = {"count": 1}
     match = _COUNTED.fullmatch(str(source))

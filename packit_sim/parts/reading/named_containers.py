@@ -14,7 +14,7 @@ import msgspec
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.configuration import config_folder
 from packit_sim.core.errors import ArgumentError, located
-from packit_sim.core.files import exists
+from packit_sim.core.files import exists, read_whole
 from packit_sim.parts.reading.boxes import Boxes, BoxType, OneBox
 from packit_sim.parts.reading.limits import Limits, grams
 
@@ -127,9 +127,9 @@ def _read(file: Path) -> dict[str, NamedContainer]:
     """Read a file of containers."""
     with located(file, ArgumentError):
         try:
-            content = file.read_text(encoding="utf-8-sig")  # editors on Windows write the mark
+            content = read_whole(file).decode("utf-8-sig")  # editors on Windows write the mark
             entries = msgspec.toml.decode(content, type=dict[str, _Entry])
-        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise ArgumentError(f"it is no file of containers: {error}") from None
         return {name: _container(name, entry) for name, entry in entries.items()}
 
