@@ -54,6 +54,7 @@ DIFFERENT = {
     "--box",  # one, or several
     "--clearance",  # with a unit, or in that of an instance
     "--container",  # one, or several
+    "--film",  # with the other files of a folder, or a file
     "--items",  # a number, or a range
     "--json",  # a file, or the output
     "--rotations",  # names of sets, of which the game has two

@@ -780,6 +780,7 @@ def test_a_search_resumes_from_the_packing_in_the_folder(tmp_path, monkeypatch) 
         return nest(*arguments)
 
     monkeypatch.setattr(box_nesting, "nest", spied)
+    monkeypatch.setattr("packit_sim.parts.filling.search.shelved_boxes", lambda *_: [])
     run = partial(
         pack,
         [cube(8, "cube", count=20), slab(25, 6, 10)],

@@ -30,7 +30,7 @@ from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import FINE_PER_CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 
-COLUMNS_BUDGET = 128 * 2**20
+COLUMNS_BUDGET = 32 * 2**20
 """Bytes in the process's cache of the columns of boxes; 8 MB for a box of 100 cells."""
 
 _FINE_PER_STEP = STEP * FINE_PER_CELL

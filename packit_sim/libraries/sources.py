@@ -27,7 +27,7 @@ __all__ = ["Candidate", "RawMesh", "ShapeInfo", "Source"]
 
 _log = plain_logger(__name__)
 
-SHAPES_BUDGET = 256 * 2**20
+SHAPES_BUDGET = 208 * 2**20
 """Maximum size of all cached shapes of the process: bytes of their vertices and faces."""
 
 SizeCm = tuple[float, float, float]

@@ -38,6 +38,15 @@ from packit_sim.placement import Mask
 if TYPE_CHECKING:
     from packit_sim.core.parallel import Workers
 
+__all__ = [
+    "Shard",
+    "Transitions",
+    "TransitionsError",
+    "TransitionsManifest",
+    "read_transitions",
+    "record_transitions",
+]
+
 FORMAT = "packit-transitions"
 
 VERSION = 1
