@@ -52,7 +52,7 @@ class KnapsackSearch(NestSearch):
     Rebuilds gain more than exchanges if few large items fit in, and next to nothing if many small
     ones do. So their time, at most that of exchanges, follows from the gains of both so far.
 
-    With many types (items as cells), most of the time goes to constructions on finer and finer cells.
+    With many types (items as cells), most of the time goes to constructions on finer cells.
 
     Where the centre of gravity must be near the middle, items slide towards it after each change of
     the box (`balanced`); if that is not enough, the search continues with the box as it is, from
