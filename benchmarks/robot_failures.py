@@ -43,7 +43,7 @@ STRIDE = 12
 ORANGE = (0.84, 0.37, 0.0)
 
 AZIMUTHS = (-40.0, 50.0, 140.0, 230.0)
-"""Of the camera; the picture in which most orange is to be seen is kept."""
+"""Angles of the camera; the picture that shows most orange is kept."""
 
 HIGH = 0.3
 """Box units above its place at which an item is drawn that was never moved."""

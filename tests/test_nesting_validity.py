@@ -105,7 +105,7 @@ def test_conflicts_are_those_of_the_intersection_of_the_solids(seed) -> None:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_meshes_cross_where_those_of_all_their_triangles_do(seed) -> None:
-    """Of any sizes, drawn in by the tolerance of the pair, near contact."""
+    """Pairs of any sizes near contact, drawn in by the tolerance of the pair."""
     rng = np.random.default_rng(seed)
     found = {True: 0, False: 0}
     for _ in range(150):

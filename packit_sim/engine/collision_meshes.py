@@ -224,9 +224,9 @@ def triangles_cross(one: Floats, other: Floats) -> bool:
     bool
         What is proved (see `crossing_kernels`), or else FCL's answer.
     """
-    trees = [(triangles, *boxes_of(triangles)) for triangles in (one, other)]
-    region = np.stack((trees[0][1][1, 0], trees[0][1][1, 1]))
-    found = relation(*trees, _AS_IT_IS, np.zeros(3), region)
+    boxes, starts = boxes_of(one)
+    tree, other_tree = (one, boxes, starts), (other, *boxes_of(other))
+    found = relation(tree, other_tree, _AS_IT_IS, np.zeros(3), boxes[1])
     if found != UNSURE:
         return bool(found == CROSSING)
     return _soup(one).crosses(_soup(other))

@@ -129,7 +129,7 @@ class ItemRecord(_Valued, frozen=True):
 
     @property
     def facts(self) -> Fact:
-        """What identifies it in the digest of its task: shape, scale, and value if it has one."""
+        """Its shape, scale, and value if it has one: its part of the digest of its task."""
         return self.kind if self.value is None else (*self.kind, self.value)
 
 

@@ -69,7 +69,7 @@ class BoxNesting:
     def shelves(self, box: BoxType) -> Shelves:
         """Return the shelves of a box, which those of the same size share."""
         if box.size not in self._known_shelves:
-            self._known_shelves = {box.size: Shelves(self.task, box.size)}
+            self._known_shelves[box.size] = Shelves(self.task, box.size)
         return self._known_shelves[box.size]
 
     def nest(

@@ -1,4 +1,4 @@
-"""What makes a task impossible, whatever the search finds."""
+"""Checks that a task is possible, whatever the search finds."""
 
 from __future__ import annotations
 

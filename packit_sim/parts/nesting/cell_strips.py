@@ -24,7 +24,6 @@ SHUFFLE = 0.02
 NEAR = 0.03
 """Share of the least height by which poses may be higher for their items to settle."""
 
-
 FIRST_SIDE = 0.9
 """Side of the cells of the first separations, as a share of the first construction's."""
 

@@ -36,7 +36,7 @@ _GROWTH = MAX_SHRINKAGE * (1 + 1e-6)
 """Growth of the voxels that a surface touches: how deep one surface may be in another, at most."""
 
 _LEAST = 1e-9
-"""What is left of a side that is shorter than the tolerance, relative to it."""
+"""Least share of a side that is left after drawing in, where it is shorter than the tolerance."""
 
 _ROUNDING = 1e-9
 """Regions are grown by this, so that rounding doesn't lose a triangle."""
@@ -190,8 +190,9 @@ class CheckedMesh:
 
     def _in(self, low: Floats, high: Floats) -> Floats:
         """Return its triangles (k, 3, 3) in a region."""
-        triangles = self.mesh.tree[0]
-        return triangles[self._meeting(low, high)] * self._sizes
+        tree = self.mesh.tree
+        region = np.stack((low - _ROUNDING, high + _ROUNDING)) / self._sizes
+        return tree[0][meeting(tree, region)] * self._sizes
 
     def _seen_in(self, low: Floats, high: Floats, turn: Floats, shift: Floats) -> Floats:
         """Return its triangles (k, 3, 3) that meet a region of another frame, in that frame."""
@@ -201,11 +202,6 @@ class CheckedMesh:
             triangles.max(axis=1) >= low - _ROUNDING
         )
         return triangles[near.all(axis=1)]
-
-    def _meeting(self, low: Floats, high: Floats) -> Ints:
-        """Return the numbers of the triangles that meet a region."""
-        region = np.stack((low - _ROUNDING, high + _ROUNDING)) / self._sizes
-        return np.asarray(meeting(self.mesh.tree, region))
 
     def distance(self, other: CheckedMesh, turn: Floats, shift: Floats) -> float:
         """Compute the distance to another mesh, in the unit of the types; neither is drawn in.
