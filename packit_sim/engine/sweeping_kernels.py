@@ -4,7 +4,8 @@ Two triangles, seen along the motion, overlap in a convex polygon on which the d
 is linear. So it is least at a corner of the polygon: a corner of one triangle that the other
 covers, or a crossing of two edges. The least over all pairs is the exact length of a straight move
 (our own; a continuous collision test for translations, without time steps). Branch and bound on two
-trees leaves out boxes that do not overlap from above, and those higher than the least rise so far.
+trees leaves out boxes that do not overlap from above, and those higher than the least rise so far;
+near boxes come first. Pairs of triangles are left out in the same way.
 
 Exactness: up to rounding, with `_ROUNDING` against edges that are parallel seen from above, whose
 crossing has no meaning; then their ends decide. Upright triangles are left to their edges.
@@ -86,6 +87,13 @@ def least_rise(item, other, offset, enough):
         else:
             # The smaller number is nearer to its root, so that its box is usually the larger one.
             top = divided(waiting, top, a, b, b >= other_leaves or (a < leaves and a <= b))
+            near, far = waiting[top - 1], waiting[top - 2]
+            if (
+                other.boxes[far[1], 0, 2] - item.boxes[far[0], 1, 2]
+                < other.boxes[near[1], 0, 2] - item.boxes[near[0], 1, 2]
+            ):
+                for side in range(2):
+                    near[side], far[side] = far[side], near[side]
     return least
 
 
@@ -98,6 +106,8 @@ def least_rise_of_pairs(triangles, others, offset, least, enough):
             for d in range(3):
                 moved[c, d] = others[m, c, d] + offset[d]
         for n in range(len(triangles)):
+            if not _may_rise(triangles[n], moved, least):
+                continue
             for c in range(3):
                 least = min(least, _rise_at_point(moved, triangles[n, c], 1.0))
                 least = min(least, _rise_at_point(triangles[n], moved[c], -1.0))
@@ -109,6 +119,26 @@ def least_rise_of_pairs(triangles, others, offset, least, enough):
             if least <= enough:
                 return least
     return least
+
+
+@inner_kernel
+def _may_rise(triangle, other, least):
+    """Decide by their boxes whether a triangle may be below another, by less than some rise."""
+    for axis in range(2):
+        if (
+            max(triangle[0, axis], triangle[1, axis], triangle[2, axis])
+            < min(other[0, axis], other[1, axis], other[2, axis])
+        ) or (
+            min(triangle[0, axis], triangle[1, axis], triangle[2, axis])
+            > max(other[0, axis], other[1, axis], other[2, axis])
+        ):
+            return False
+    highest = max(triangle[0, 2], triangle[1, 2], triangle[2, 2])
+    lowest = min(triangle[0, 2], triangle[1, 2], triangle[2, 2])
+    return (
+        lowest <= max(other[0, 2], other[1, 2], other[2, 2])
+        and min(other[0, 2], other[1, 2], other[2, 2]) - highest < least
+    )
 
 
 @inner_kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.winding_kernels import solid_angles
 
 
 def winding_numbers(triangles: Floats, points: Floats) -> Floats:
@@ -28,12 +29,6 @@ def winding_numbers(triangles: Floats, points: Floats) -> Floats:
     Jacobson, Kavan and Sorkine-Hornung ("Robust inside-outside segmentation using generalized
     winding numbers", 2013), by the solid angles of van Oosterom and Strackee (1983).
     """
-    found = np.empty(len(points))
-    for n, point in enumerate(points):
-        sides = triangles - point
-        a, b, c = sides.transpose(1, 0, 2)
-        la, lb, lc = np.linalg.norm(sides, axis=2).T
-        ab, bc, ca = ((u * v).sum(axis=1) for u, v in ((a, b), (b, c), (c, a)))
-        volume = (a * np.cross(b, c)).sum(axis=1)
-        found[n] = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum()
-    return found / (2 * np.pi)
+    corners = np.ascontiguousarray(triangles, dtype=np.float64)
+    found = solid_angles(corners, np.ascontiguousarray(points, dtype=np.float64))
+    return np.asarray(found / (2 * np.pi))

@@ -18,6 +18,7 @@ from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.search import PackingSearch
 from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.filling.task_checks import check_ways
+from packit_sim.parts.nesting.rounds import forget_problem
 from packit_sim.parts.packings.bounds import SECONDS, SEEDS
 from packit_sim.parts.reading.boxes import Boxes
 from packit_sim.parts.reading.part import Part
@@ -147,6 +148,7 @@ def pack(
                 raise
             earlier = None
         packed = search(earlier)
+        forget_problem()
         from packit_sim.parts.results.exports import write_result  # the search need not wait for it
 
         write_result(packed, out, files, progress, instructions, film)

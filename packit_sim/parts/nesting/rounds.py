@@ -101,6 +101,13 @@ def _built(problems: Problems) -> tuple[Problem, bool]:
     return problem, shares and bool(add_fields(problem.lookup))
 
 
+def forget_problem() -> None:
+    """Drop what this thread knows of its last problem, which only another search of it can use."""
+    _built.cache_clear()
+    _own.__dict__.clear()
+    release_memory()
+
+
 @dataclass(frozen=True)
 class Limits:
     """Limits of a search; the first that is reached ends it.

@@ -17,8 +17,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import trimesh
 
-from packit_sim.core.caches import cached_property
+from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.errors import reason
+from packit_sim.core.memory import release_memory
 from packit_sim.core.plain_text import plain_line
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.geometry.arrays import Floats, Ints
@@ -44,6 +45,9 @@ SIZE = 1e4
 
 SAMPLES = 9
 """Points of a connected part of a surface that vote on whether it is inside another part."""
+
+_MESHES = 256
+"""Meshes for FCL that are kept: one with 2,000 triangles has a megabyte."""
 
 _ROUNDING = 1e-7
 """Rounding of distances, relative to the box's longest side."""
@@ -104,6 +108,8 @@ def check(packed: PackedParts, progress: Progress = unseen) -> Check:
         problems = tuple(sentence for own, _ in found for sentence in own)
         distances = [distance for _, distance in found if distance is not None]
         _known[packed] = Check(problems, min(distances, default=None), how)
+        _loose.clear()
+        release_memory()
     return _known[packed]
 
 
@@ -244,22 +250,8 @@ class _Original:
         _repair(self.mesh, was_closed)
         self.is_solid = was_closed or self.is_closed
 
-    @cached_property
-    def surface(self) -> LooseMesh:
-        """The mesh for distances."""
-        return self._loose(1.0)
-
-    @cached_property
-    def drawn_in(self) -> LooseMesh:
-        """The mesh, shorter along each axis by the tolerance: parts that touch don't cross."""
-        return self._loose(self._drawn(1))
-
-    @cached_property
-    def drawn_in_twice(self) -> LooseMesh:
-        """The same for a wall, which is not drawn in."""
-        return self._loose(self._drawn(2))
-
-    def _drawn(self, times: int) -> Floats:
+    def drawn(self, times: int) -> Floats:
+        """Return the factors that make it shorter along each axis by so many tolerances."""
         return np.maximum(self.extents - times * self.tolerance, 0) / self.extents
 
     @cached_property
@@ -267,7 +259,7 @@ class _Original:
         """Points (n, 3) of each connected part of the surface, drawn in: middles of triangles."""
         faces = np.asarray(self.mesh.faces, dtype=np.int64)
         numbers = part_numbers(faces, len(self.mesh.vertices))
-        middles = np.asarray(self.mesh.triangles_center) * self._drawn(1)
+        middles = np.asarray(self.mesh.triangles_center) * self.drawn(1)
         groups = by_part(middles, numbers)
         return [own[np.linspace(0, len(own) - 1, SAMPLES).astype(int)] for own in groups]
 
@@ -277,9 +269,18 @@ class _Original:
         with np.errstate(divide="ignore", invalid="ignore"):
             return bool(self.mesh.is_volume)
 
-    def _loose(self, factor: float | Floats) -> LooseMesh:
-        vertices = np.asarray(self.mesh.vertices) * factor * (SIZE / self.unit)
-        return LooseMesh(vertices, np.asarray(self.mesh.faces, dtype=np.int64))
+
+@bounded_cache(
+    "meshes of checks", _MESHES, "meshes", lambda _: 1, lambda of, drawn_in=0: (of, drawn_in)
+)
+def _loose(of: _Original, drawn_in: int = 0) -> LooseMesh:
+    """Return the mesh for FCL, drawn in some times.
+
+    Once, so that parts that touch don't cross; twice for a wall, which is not drawn in.
+    """
+    vertices = np.asarray(of.mesh.vertices) * of.drawn(drawn_in)
+    faces = np.asarray(of.mesh.faces, dtype=np.int64)
+    return LooseMesh(vertices * (SIZE / of.unit), faces)
 
 
 class _Placed:
@@ -301,7 +302,7 @@ class _Placed:
         """Return the distance to another part, not below 0, after z is multiplied by a factor."""
         unit = self.original.unit / SIZE
         if stretch == 1:
-            found = self.original.surface.distance(other.original.surface, *other.seen_from(self))
+            found = _loose(self.original).distance(_loose(other.original), *other.seen_from(self))
         else:
             meshes = [
                 LooseMesh(
@@ -354,7 +355,7 @@ def _outside(
 def _beyond(placed: _Placed, wall: _Placed, clearance: float, slack: float) -> Iterator[str]:
     """Yield a sentence if a part is not inside a closed mesh, or too close to it."""
     there = placed.seen_from(wall)
-    if wall.original.surface.crosses(placed.original.drawn_in_twice, *there):
+    if _loose(wall.original).crosses(_loose(placed.original, 2), *there):
         yield f"{placed.name} crosses the container's wall"
         return
     triangles = np.asarray(wall.original.mesh.triangles)
@@ -367,7 +368,7 @@ def _beyond(placed: _Placed, wall: _Placed, clearance: float, slack: float) -> I
         yield f"{placed.name} is around a part of the container's wall"
     if clearance > 0:
         unit = placed.original.unit
-        distance = wall.original.surface.distance(placed.original.surface, *there) * unit / SIZE
+        distance = _loose(wall.original).distance(_loose(placed.original), *there) * unit / SIZE
         if not distance >= clearance - slack:
             yield (
                 f"{placed.name} is {max(distance, 0.0):.4g} from the container's wall: "
@@ -395,16 +396,16 @@ def _between(
     sides *= (1, 1, stretch)
     gaps, overlaps = np.linalg.norm(np.maximum(sides, 0), axis=1), (sides < 0).all(axis=1)
     most = float(needed.max(initial=0.0))
-    near = int(np.count_nonzero((gaps < most) | overlaps))
+    is_near = (gaps < most) | overlaps
+    near = int(np.count_nonzero(is_near))
     problems: list[str] = []
     least: float | None = None
-    for n, pair in enumerate(np.argsort(gaps, kind="stable").tolist()):
+    lowest = np.minimum(low[first, 2], low[second, 2])  # from below: few meshes at a time
+    for n, pair in enumerate(np.lexsort((np.where(is_near, lowest, gaps), ~is_near)).tolist()):
         progress("checking the distances", min(n, near), near)
         one, other = placed[first[pair]], placed[second[pair]]
-        gap, is_overlap = float(gaps[pair]), bool(overlaps[pair])
         unit, clearance = one.original.unit, float(needed[pair])
-        is_near = gap < most or is_overlap
-        if not is_near and least is not None and gap >= least:
+        if not is_near[pair] and least is not None and gaps[pair] >= least:
             break
         if clearance > 0 or least is None or least > 0:
             distance = one.distance(other, stretch)
@@ -413,7 +414,7 @@ def _between(
                 problems.append(
                     f"{other.name} is {distance:.4g} from {one.name}: less than {clearance:.4g}"
                 )
-        if is_overlap:
+        if overlaps[pair]:
             problems += _overlap(one, other)
     return problems, least
 
@@ -436,7 +437,7 @@ def _is_inside(own: _Placed, around: _Placed) -> bool:
 
 def _overlap(one: _Placed, other: _Placed) -> Iterator[str]:
     """Yield a sentence if two parts overlap: surfaces cross, or closed parts share a volume."""
-    if one.original.drawn_in.crosses(other.original.drawn_in, *other.seen_from(one)):
+    if _loose(one.original, 1).crosses(_loose(other.original, 1), *other.seen_from(one)):
         yield f"{other.name} crosses {one.name}"
         return
     for own, around in ((one, other), (other, one)):
