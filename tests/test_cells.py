@@ -15,10 +15,12 @@ from packit_sim.parts.nesting import cells as cells_module
 from packit_sim.parts.nesting import knapsacks
 from packit_sim.parts.nesting.build import build, count_fields
 from packit_sim.parts.nesting.cell_filling import filled_cells
+from packit_sim.parts.nesting.cell_orders import hardest_first, most_valuable_first
 from packit_sim.parts.nesting.cell_separation_kernels import CellState, put_on_grid
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.cells import Cells, Space, cells_of, least_side
 from packit_sim.parts.nesting.filling import loaded
+from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.nesting.placement_kernels import SIDES, cover, inner_cubes, update_windows
 from packit_sim.parts.nesting.problem import Problem, boxes_of, state_of
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS
@@ -105,6 +107,24 @@ def test_there_is_no_place_in_a_low_box_and_in_a_full_one() -> None:
     full = creation.box((4.4, 4.4, 4.4)).apply_translation((2.2, 2.2, 2.2)).triangles
     space.put(np.asarray(full), 0.0)
     assert space.lowest(0, turns) is None
+
+
+def test_the_hull_of_an_item_says_how_hard_it_is_to_place() -> None:
+    ring = creation.annulus(r_min=0.9, r_max=1.0, height=1.0, sections=24)
+    block = creation.box((0.9, 0.9, 0.9))
+    types = [ItemType(f"{n}", mesh.vertices, mesh.faces) for n, mesh in enumerate((block, ring))]
+    assert types[0].volume > types[1].volume
+    problem = build(types, 4.0, 0.0, BY_CELLS, by_cells=True, has_fields=False)
+    volumes = np.array([each.volume for each in types])
+    task = SearchTask(np.array([0, 1]), volumes, volumes, ((4.0, 4.0, math.inf),), BY_CELLS)
+    assert hardest_first(problem, task).tolist() == [1, 0]
+    assert most_valuable_first(problem, task).tolist() == [0, 1]
+    assert problem.hulls == pytest.approx([0.729, math.pi], rel=0.02)
+    equal = replace(task, values=np.ones(2))  # the smaller hull first, whatever the volumes
+    assert most_valuable_first(problem, equal).tolist() == [0, 1]
+    limits = ItemLimits(np.array([[1.0, 0.1]]), np.array([1.0]))
+    limited = replace(task, limits=limits, sizes=((4.0, 4.0, 4.0),))
+    assert most_valuable_first(problem, limited).tolist() == limited.order.tolist() == [1, 0]
 
 
 def test_windows_hold_whether_any_cell_is_taken() -> None:

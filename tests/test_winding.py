@@ -1,4 +1,4 @@
-"""Winding numbers of points: 1 inside a closed surface, 0 outside, a share of it for an open one."""
+"""Winding numbers: 1 inside a closed surface, 0 outside, and a share of it for an open one."""
 
 import numpy as np
 import pytest

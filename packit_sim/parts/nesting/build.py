@@ -111,6 +111,8 @@ def build(
         allowed[n, : len(kept)] = kept
         counts[n] = len(kept)
     longest = np.array([each.extents.max() for each in types])
+    hulls = np.array([_hull_volume(each) for each in types])
+    volumes = np.array([each.volume for each in types])
     fields = len(types) * (len(types) + 1) // 2 * len(relative_turns)
     triangles = float(np.mean([len(each.faces) for each in bodies]))
     is_simple = triangles <= settings.simple_triangles
@@ -134,7 +136,7 @@ def build(
         relative=relative,
         boxes=boxes,
         sizes=np.sqrt(longest / longest.mean()),
-        hollow=np.array([not is_simple and _is_hollow(each, settings.hollow) for each in types]),
+        hollow=(volumes < settings.hollow * hulls) & (not is_simple),
         numbers=np.full((len(measured), len(measured), len(relative_turns)), -1, np.int64),
         fields=np.zeros((min(fields, settings.max_fields) * has_fields + 1, 4), np.int64),
         values=np.zeros(settings.max_field_values * has_fields, np.int16),
@@ -152,6 +154,7 @@ def build(
         allowed=allowed,
         allowed_counts=counts,
         reach=longest * 0.5,
+        hulls=hulls,
         surfaces=_surfaces(bodies, centred, tolerance),
         closed=_closed(centred, parts),
         solids=_solids(bodies, centred, parts),
@@ -168,9 +171,9 @@ def count_fields(types: Sequence[ItemType]) -> int:
     return len(types) * (len(types) + 1) // 2 * len(_relative(turns)[1])
 
 
-def _is_hollow(item_type: ItemType, share: float) -> bool:
-    """Return whether an item fills less than a share of its convex hull, which may be flat (QJ)."""
-    return item_type.volume < share * ConvexHull(item_type.vertices, qhull_options="QJ").volume
+def _hull_volume(item_type: ItemType) -> float:
+    """Return the volume of an item's convex hull, which may be flat (QJ)."""
+    return float(ConvexHull(item_type.vertices, qhull_options="QJ").volume)
 
 
 def _turns(types: Sequence[ItemType]) -> tuple[Floats, list[list[int]]]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from packit_sim.geometry.arrays import Ints
 from packit_sim.parts.nesting.cell_filling import cell_side, filled_cells, settle_all
+from packit_sim.parts.nesting.cell_orders import hardest_first
 from packit_sim.parts.nesting.cell_separation import CellSeparation
 from packit_sim.parts.nesting.cells import least_side
 from packit_sim.parts.nesting.compaction import compact
@@ -15,11 +14,8 @@ from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
-THICK = 0.5, 1.5
-"""Powers of an item's volume and of its shortest side whose product orders a construction."""
-
 SHUFFLE = 0.02
-"""Standard deviation of the logarithm of that product in the order of a further construction."""
+"""Standard deviation of the logarithms of sizes in the order of a further construction."""
 
 NEAR = 0.03
 """Share of the least height by which poses may be higher for their items to settle."""
@@ -112,13 +108,9 @@ class CellStripSearch(NestSearch):
         self._compacted = self.best.poses
 
     def _order(self, problem: Problem, shuffle: float) -> Ints:
-        """Return the items, the large and thick ones first: they find no place later."""
-        task = self._task
-        own = task.numbers[: task.count]
-        boxes = problem.lookup.boxes[own, problem.allowed[own, 0]]
-        shortest = (boxes[:, 3:] - boxes[:, :3]).min(axis=1)
-        sizes = THICK[0] * np.log(task.volumes) + THICK[1] * np.log(shortest)
-        return np.argsort(self._choices.normal(0, shuffle, task.count) - sizes, kind="stable")
+        """Return the hardest items first, with sizes that change at random."""
+        change = self._choices.normal(0, shuffle, self._task.count)
+        return hardest_first(problem, self._task, change)
 
     def _settled(self, problem: Problem, poses: Poses) -> Solution:
         """Return the solution of poses after all items have settled."""

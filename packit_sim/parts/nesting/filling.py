@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts.nesting.cell_filling import first_filled_cells
+from packit_sim.parts.nesting.cell_orders import hardest_first
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.construction_kernels import construct
 from packit_sim.parts.nesting.pose_kernels import take_out
@@ -53,7 +54,7 @@ def constructed(
     budget : SearchBudget, optional
         As in `filled`.
     order : ndarray of int64, optional
-        The items in their order, instead of that of the task.
+        The items in their order, instead of that of the task, or the hardest first.
     is_complete : bool
         Whether all items are tried, also when the budget is late; only for items as cells.
 
@@ -66,7 +67,8 @@ def constructed(
     poses = task.unplaced
     if task.start is not None:
         poses = repaired(problem, task, task.start, boxes)
-    order = task.order if order is None else order
+    if order is None:
+        order = hardest_first(problem, task) if problem.by_cells else task.order
     if problem.by_cells:
         end = None if is_complete else budget
         return first_filled_cells(problem, task, poses, boxes, order, rng, budget, end)

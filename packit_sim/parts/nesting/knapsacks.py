@@ -10,6 +10,7 @@ import numpy.typing as npt
 from packit_sim.geometry.arrays import Ints
 from packit_sim.parts.nesting.balancing import balanced
 from packit_sim.parts.nesting.cell_filling import filled_cells, settle_all
+from packit_sim.parts.nesting.cell_orders import most_valuable_first
 from packit_sim.parts.nesting.filling import (
     constructed,
     filled,
@@ -65,6 +66,7 @@ class KnapsackSearch(NestSearch):
         self._fits = np.ones(task.count, bool)
         self._most_value = task.limits.most_value(task.values)
         self._failures = 0
+        self._order = task.order
         self._sides = FinerSides(task, CONSTRUCTING)
         self._good = self._current = self._rebuilt = task.unplaced
         self._progress = 0.0  # when a box was last rebuilt
@@ -82,14 +84,17 @@ class KnapsackSearch(NestSearch):
         possible = self._task.limits.possible(self._task.count)
         self._fits = np.isfinite(least_heights(problem, self._task)) & possible
         sizes = [self._task.size]
-        poses = constructed(problem, self._task, sizes, self._rng, self._budget)
+        if problem.by_cells:
+            self._order = most_valuable_first(problem, self._task)
+        given = problem, self._task, sizes, self._rng, self._budget
+        poses = constructed(*given, self._order)
         if problem.by_cells:
             poses = self._settled_and_filled(problem, poses, None, self._budget)
         poses = self._within_limits(problem, poses)
         for order in self._other_orders():
             if self._budget is not None and self._budget.is_late:
                 break
-            other = constructed(problem, self._task, sizes, self._rng, self._budget, order)
+            other = constructed(*given, order)
             poses = max(poses, self._within_limits(problem, other), key=self._value)
         solution = self._solution(poses)
         is_late = self._budget is not None and self._budget.is_late
@@ -133,7 +138,7 @@ class KnapsackSearch(NestSearch):
             value = self._value(poses)
             state = loaded(problem, task, poses, self._boxes)
             settle_all(problem, task, state, self._rng, budget)
-            given = Poses.of(state), self._boxes, task.order
+            given = Poses.of(state), self._boxes, self._order
             poses = filled_cells(problem, task, *given, self._rng, budget, side)
         return poses
 
@@ -156,7 +161,7 @@ class KnapsackSearch(NestSearch):
         side = self._sides.next(problem, before)
         if side is None:
             return
-        given = task.unplaced, self._boxes, shuffled(task.order, SHUFFLE, self._choices)
+        given = task.unplaced, self._boxes, shuffled(self._order, SHUFFLE, self._choices)
         poses = filled_cells(problem, task, *given, self._rng, budget, side)
         poses = self._settled_and_filled(problem, poses, side, budget)
         solution = self._solution(self._within_limits(problem, poses))

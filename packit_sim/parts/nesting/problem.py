@@ -202,6 +202,8 @@ class Problem(NamedTuple):
         (t,) int64.
     reach : ndarray
         (t,) float64, largest distance along an axis of near samples from an item.
+    hulls : ndarray
+        (t,) float64, the volumes of the convex hulls.
     surfaces, closed, solids, distances
         The exact data, which decides where fields leave doubt.
     shift, waiting, triangle : ndarray
@@ -216,6 +218,7 @@ class Problem(NamedTuple):
     allowed: Any
     allowed_counts: Any
     reach: Any
+    hulls: Any
     surfaces: Surfaces
     closed: Closed
     solids: Solids

@@ -1,0 +1,46 @@
+"""The orders in which items as cells are placed: each is a list of numbers of items.
+
+What decides is the volume of an item's convex hull: an item of thin walls takes more space than its
+own volume, since what is inside can hardly be used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.parts.nesting.problem import Problem
+from packit_sim.parts.nesting.tasks import SearchTask
+
+SHORTEST = 1.5
+"""Power of an item's shortest side which, times its hull's volume, says how hard to place it is."""
+
+TAKEN = 0.4
+"""Power of the hull's volume by which an item's value is divided: its space, and that large items
+find no place later."""
+
+
+def hardest_first(problem: Problem, task: SearchTask, change: Floats | float = 0.0) -> Ints:
+    """Return the large and thick items first, for a container that has to hold all of them.
+
+    Parameters
+    ----------
+    change : ndarray of float64, shape (n,), optional
+        Added to the logarithms of the sizes that are compared.
+    """
+    own = task.numbers[: task.count]
+    boxes = problem.lookup.boxes[own, problem.allowed[own, 0]]
+    shortest = (boxes[:, 3:] - boxes[:, :3]).min(axis=1)
+    sizes = np.log(problem.hulls[own]) + SHORTEST * np.log(shortest)
+    return np.argsort(change - sizes, kind="stable")
+
+
+def most_valuable_first(problem: Problem, task: SearchTask) -> Ints:
+    """Return the items first that are worth most for what they take of a box.
+
+    Where limits may run out before the space does, this is the order of the task.
+    """
+    if task.limits.count:
+        return task.order
+    own = task.numbers[: task.count]
+    return task.order_by(problem.hulls[own] ** TAKEN)
