@@ -33,6 +33,9 @@ class FinerSides:
     ----------
     until : float
         The share of the search after which there is no further construction.
+    repeats : bool
+        Whether further constructions follow on cells of the same side when finer ones are not
+        worth their time: orders that change at random differ by some percent.
 
     Attributes
     ----------
@@ -40,10 +43,11 @@ class FinerSides:
         Whether no further construction is worth its time.
     """
 
-    def __init__(self, task: SearchTask, until: float) -> None:
+    def __init__(self, task: SearchTask, until: float, repeats: bool = False) -> None:
         self.is_over = False
         self._task = task
         self._until = until
+        self._repeats = repeats
         self._share = 1.0  # cells of the last construction, as a share of the first one's
         self._spent = 0.0  # the share of the search that it took
 
@@ -68,8 +72,10 @@ class FinerSides:
         least = least_side(problem, FINEST * side) / side
         share = max(STEP ** math.floor(math.log(share, STEP)), least)
         if share > LEAST_FINER * self._share:
-            self.is_over = True
-            return None
+            if not self._repeats or self._spent > self._until - progress:
+                self.is_over = True
+                return None
+            share = self._share
         self._share = share
         return share * side
 

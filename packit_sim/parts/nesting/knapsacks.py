@@ -67,7 +67,7 @@ class KnapsackSearch(NestSearch):
         self._most_value = task.limits.most_value(task.values)
         self._failures = 0
         self._order = task.order
-        self._sides = FinerSides(task, CONSTRUCTING)
+        self._sides = FinerSides(task, CONSTRUCTING, repeats=True)
         self._good = self._current = self._rebuilt = task.unplaced
         self._progress = 0.0  # when a box was last rebuilt
         self._gains, self._efforts = np.zeros(2), np.zeros(2)  # of exchanges, and of rebuilds
