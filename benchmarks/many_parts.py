@@ -1,6 +1,7 @@
 """Measure strips of many different parts: density against seconds, memory and how both grow.
 
     .venv/bin/python -m benchmarks.many_parts --parts 100 300 628 --seeds 1 2 3
+    .venv/bin/python -m benchmarks.many_parts --parts 100 --seeds 1 2 3 --cluster
     .venv/bin/python -m benchmarks.many_parts --table
 
 The parts are shapes of `everyday`, drawn without repetition as long as there are enough, with a
@@ -8,7 +9,9 @@ longest side of 20 to 60 mm. The base is a square whose side is the third root o
 density of 0.35. Each search is a separate process with two workers and the seconds of `SECONDS`,
 and its packing is checked by the meshes. Each result is written to
 `benchmarks/results/many_parts.json` at once, and what has a result is not searched again. `--table`
-writes the table of `docs/benchmarks/nesting-many.md` and fits the exponents of growth.
+writes the table of `docs/benchmarks/nesting-many.md` and fits the exponents of growth. `--cluster`
+searches twice, for equal processor time of each worker: with threads, and on two machines of a Ray
+cluster on this computer.
 """
 
 from __future__ import annotations
@@ -19,7 +22,9 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +47,7 @@ BLOCK = "many parts"
 
 FILE = "many_parts.json"
 
-SECONDS = {25: 60, 50: 60, 100: 60, 300: 120, 628: 300, 1000: 300}
+SECONDS = {25: 60, 50: 60, 100: 60, 300: 120, 628: 300, 1000: 300, 5000: 1800}
 """The time for each number of parts."""
 
 BY_CELLS = 50
@@ -73,7 +78,7 @@ def parts(count: int, seed: int) -> tuple[list[ItemType], float]:
     return types, (sum(each.volume for each in types) / DENSITY) ** (1 / 3)
 
 
-def search(count: int, seed: int, has_clearance: bool) -> dict[str, Any]:
+def search(count: int, seed: int, has_clearance: bool, settings: NestSettings) -> dict[str, Any]:
     """Pack one set of parts; return the history of densities, memory and problems."""
     types, side = parts(count, seed)
     volume = sum(each.volume for each in types)
@@ -90,7 +95,7 @@ def search(count: int, seed: int, has_clearance: bool) -> dict[str, Any]:
         time=SECONDS[count],
         clearance=CLEARANCE * side if has_clearance else 0.0,
         callback=note,
-        settings=NestSettings(workers=2),
+        settings=settings,
     )
     seconds = round(time.perf_counter() - started, 1)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
@@ -100,6 +105,32 @@ def search(count: int, seed: int, has_clearance: bool) -> dict[str, Any]:
         "memory": memory,
         "problems": packing.problems(),
     }
+
+
+@contextmanager
+def cluster() -> Iterator[str]:
+    """Start a Ray cluster of a head without work and two machines; yield the head's address."""
+    from ray.cluster_utils import Cluster
+
+    started = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+    for _ in range(2):
+        started.add_node(num_cpus=1)
+    try:
+        yield started.address
+    finally:
+        started.shutdown()
+
+
+def compared(count: int, seed: int) -> dict[str, Any]:
+    """Return the last densities of the same search with threads and in a cluster."""
+    with cluster() as address:
+        alone = NestSettings(workers=2, clock="processor")
+        spread = replace(alone, backend="ray", address=address)
+        runs = {
+            "threads": search(count, seed, False, alone),
+            "cluster": search(count, seed, False, spread),
+        }
+    return {name: (run["history"][-1][1], len(run["problems"])) for name, run in runs.items()}
 
 
 def measure(count: int, seed: int, has_clearance: bool) -> dict[str, Any]:
@@ -178,25 +209,35 @@ def main() -> None:
     parser.add_argument("--parts", nargs="+", type=int, choices=SECONDS, default=[])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--clearance", action="store_true", help="of 1% of the base's side")
+    parser.add_argument("--cluster", action="store_true", help="compare threads with a cluster")
     parser.add_argument("--one", nargs=2, type=int, help="print one search: parts and seed")
     parser.add_argument("--table", action="store_true", help="write the table into the page")
     arguments = parser.parse_args()
     if arguments.one:
         count, seed = arguments.one
-        print(json.dumps(search(count, seed, arguments.clearance)))
+        print(json.dumps(search(count, seed, arguments.clearance, NestSettings(workers=2))))
         return
     file = arguments.out / FILE
-    runs = json.loads(file.read_text())["runs"] if file.exists() else {}
+    found_before = json.loads(file.read_text()) if file.exists() else {}
+    runs, clusters = (found_before.get(key, {}) for key in ("runs", "clusters"))
+    head = {"command": "python -m benchmarks.many_parts", "machine": machine()}
     for count in arguments.parts:
         for seed in arguments.seeds:
             name = f"{count} parts, seed {seed}" + ", clearance" * arguments.clearance
-            if name in runs:
-                continue
-            found = measure(count, seed, arguments.clearance)
-            runs[name] = {"parts": count, "seed": seed, "clearance": arguments.clearance, **found}
-            print(name, found["history"][0], found["history"][-1], flush=True)
-            head = {"command": "python -m benchmarks.many_parts", "machine": machine()}
-            write_json(file, {**head, "runs": runs})
+            if arguments.cluster:
+                if name not in clusters:
+                    clusters[name] = compared(count, seed)
+                    print(name, clusters[name], flush=True)
+            elif name not in runs:
+                found = measure(count, seed, arguments.clearance)
+                runs[name] = {
+                    "parts": count,
+                    "seed": seed,
+                    "clearance": arguments.clearance,
+                    **found,
+                }
+                print(name, found["history"][0], found["history"][-1], flush=True)
+            write_json(file, {**head, "runs": runs, "clusters": clusters})
     if arguments.table and arguments.out == RESULTS:
         write_into_page(PAGE, table(runs), BLOCK)
 
