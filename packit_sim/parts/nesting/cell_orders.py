@@ -21,12 +21,17 @@ find no place later."""
 
 
 def hardest_first(problem: Problem, task: SearchTask, change: Floats | float = 0.0) -> Ints:
-    """Return the large and thick items first, for a container that has to hold all of them.
+    """Sort large and thick items first, for a container that has to hold all of them.
 
     Parameters
     ----------
     change : ndarray of float64, shape (n,), optional
-        Added to the logarithms of the sizes that are compared.
+        Subtracted from the logarithms of the sizes that are compared.
+
+    Returns
+    -------
+    ndarray of int64
+        The order.
     """
     own = task.numbers[: task.count]
     boxes = problem.lookup.boxes[own, problem.allowed[own, 0]]
@@ -36,7 +41,7 @@ def hardest_first(problem: Problem, task: SearchTask, change: Floats | float = 0
 
 
 def most_valuable_first(problem: Problem, task: SearchTask) -> Ints:
-    """Return the items first that are worth most for what they take of a box.
+    """Return the order in which those items come first that are worth most for what they take.
 
     Where limits may run out before the space does, this is the order of the task.
     """
