@@ -51,6 +51,7 @@ from tests.zoo import BALL, BOWL, CUBE, TILTED
 
 CELL = RobotCell(decomposition=DecompositionSettings(method="bisection"), speed=2.0)
 CELLS: Triple = (40, 40, 40)
+NO_MODEL = "the slim environment has no model of the panda"
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -201,10 +202,12 @@ def test_a_cup_holds_where_it_is_flat_near_the_centre_of_mass() -> None:
             assert found.point[2] <= top + 1e-9
 
 
-@pytest.fixture(scope="module")
-def turned() -> RobotBox:
+@pytest.fixture(scope="module", params=["gantry", pytest.param("panda", marks=pytest.mark.slow)])
+def turned(request: pytest.FixtureRequest) -> RobotBox:
     """Blocks that lie on other sides than those on which they are placed."""
-    return packed(replace(CELL, level=2), TURNED)
+    if request.param == "panda":
+        pytest.importorskip("pybullet_data", reason=NO_MODEL)
+    return packed(replace(CELL, arm=request.param, level=2), TURNED)
 
 
 def test_at_level_2_items_are_turned_in_the_air(turned: RobotBox) -> None:
@@ -228,6 +231,21 @@ def test_a_tilted_tool_touches_nothing_by_its_trajectory(turned: RobotBox) -> No
     assert measures(read, TURNED)["penetration"] < 0.001
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("turned", ["panda"], indirect=True)
+def test_the_panda_keeps_its_limits_with_a_tilting_tool(turned: RobotBox) -> None:
+    arm = arm_of(turned.cell, CELLS)
+    for one in turned.placed:
+        joints = one.recording.joints
+        assert joints.shape[1] == 8
+        speeds = np.abs(np.diff(joints, axis=0)) / turned.cell.world.step
+        assert (speeds < np.array((2.175,) * 4 + (2.61,) * 4) * 1.01).all()
+        assert np.abs(joints).max() < 3.0718 and np.abs(joints[:, 7]).max() < 1.6
+        moved = np.diff([arm.poses(row)[-1].translation for row in joints[::50]], axis=0)
+        most = 50 * turned.cell.world.step * turned.cell.speed * 1.01
+        assert np.linalg.norm(moved, axis=1).max() < most
+
+
 def test_an_item_that_lies_on_its_head_is_not_gripped() -> None:
     cell = replace(CELL, level=2)
     item = block(20, 12, 8)
@@ -240,7 +258,7 @@ def test_an_item_that_lies_on_its_head_is_not_gripped() -> None:
 
 @pytest.fixture(scope="module")
 def panda() -> RobotBox:
-    pytest.importorskip("pybullet_data", reason="the slim environment has no model of the panda")
+    pytest.importorskip("pybullet_data", reason=NO_MODEL)
     return packed(replace(CELL, arm="panda", speed=1.0), ITEMS[:2])
 
 
@@ -472,8 +490,8 @@ def test_items_and_boxes_that_do_not_go_are_refused_before_anything_is_simulated
     for wrong in ({"level": 3}, {"edge": 0}, {"gripper": {"cups": ()}}):
         with pytest.raises(ArgumentError, match="is not possible"):
             Rules.from_json({"robot": wrong})
-    with pytest.raises(ArgumentError, match="level 2 is not possible for arm 'panda'"):
-        replace(CELL, arm="panda", level=2)
+    with pytest.raises(ArgumentError, match="level 2 is not possible for arm 'own.urdf'"):
+        replace(CELL, arm="own.urdf", level=2)
     with pytest.raises(ArgumentError, match="physics of its own"):
         Rules(robot=CELL, kinematic=True)
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from lxml import etree
 
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
@@ -28,19 +27,24 @@ class ToolPath:
 
     Each point is an array (5,): the middle of the cup's face, in m, the angle about the vertical of
     the item, and the tilt of the tool towards there, in radians. The first is above the station,
-    the last of `approach` where it grips the item.
+    the last of `approach` where it grips the item. `insertion` leads straight from above the box to
+    where it is released.
     """
 
     approach: Sequence[Floats]
     lifted: Floats
-    over_place: Floats
-    place: Floats
+    insertion: Sequence[Floats]
     retreat: Floats
 
     @property
     def pick(self) -> Floats:
         """Where the tool grips the item."""
         return self.approach[-1]
+
+    @property
+    def place(self) -> Floats:
+        """Where the tool releases the item."""
+        return self.insertion[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,15 +85,6 @@ def tool_rotation(yaw: float, tilt: float) -> Floats:
         (math.cos(yaw) * math.sin(tilt), math.sin(yaw) * math.sin(tilt), math.cos(tilt))
     )
     return np.column_stack((np.cross(across, axis), across, axis))
-
-
-def with_cup(urdf: str, radius: float) -> str:
-    """Add a cup of a radius in m to the last link of a URDF."""
-    robot = etree.fromstring(urdf.encode())
-    form = f'<cylinder radius="{radius}" length="{CUP}"/>'
-    cup = f'<origin xyz="0 0 {CUP / 2}"/><geometry>{form}</geometry>'
-    robot.findall("link")[-1].append(etree.fromstring(f"<collision>{cup}</collision>"))
-    return etree.tostring(robot, encoding="unicode")
 
 
 class Arm(ABC):

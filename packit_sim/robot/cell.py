@@ -35,7 +35,7 @@ TUBE = 0.005
 """Side of the square tube that carries a cup, m: its corners are inside the smallest cup."""
 
 TILTED_TOOL = 0.10
-"""Metres from the axis about which the gantry tilts its tool at level 2 to the cup's face."""
+"""Metres from the axis about which an arm tilts its tool at level 2 to the cup's face."""
 
 PANDA = "panda"
 """The name of the arm with seven joints."""
@@ -134,7 +134,7 @@ class RobotCell:
         The gripper.
     level : int
         1: an item is presented in the rotation of its placement, at a random yaw and position.
-        2: in a random stable pose, so that it has to be turned in the air, by the gantry alone.
+        2: in a random stable pose, so that it has to be turned in the air, by gantry or panda.
     reachable : bool
         Whether masks have only placements that the gripper can hold and that can be reached
         straight from above.
@@ -199,9 +199,10 @@ class RobotCell:
             clearance=Range(0.001, 1.0),
             gap=Range(0.0001, 0.02),
         )
-        if self.level == 2 and self.arm != "gantry":
+        if self.level == 2 and self.arm not in ("gantry", PANDA):
             raise ArgumentError(
-                f"level 2 is not possible for arm {self.arm!r}: only gantry turns items in the air"
+                f"level 2 is not possible for arm {self.arm!r}: only gantry and panda turn items "
+                "in the air"
             )
 
     @property
@@ -218,7 +219,7 @@ class RobotCell:
     @property
     def joints(self) -> int:
         """The number of the arm's joints."""
-        return 7 if self.arm == PANDA else 3 + self.level
+        return (6 if self.arm == PANDA else 3) + self.level
 
     def size(self, cells: Cells) -> Floats:
         """Return the inner extents (3,) of a box in m."""

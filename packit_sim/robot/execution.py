@@ -14,7 +14,7 @@ from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.settling import fitted_pieces
 from packit_sim.robot.arm import Arm, Route, ToolPath, tool_rotation
-from packit_sim.robot.cell import TILTED_TOOL, Cells, RobotCell
+from packit_sim.robot.cell import PANDA, TILTED_TOOL, Cells, RobotCell
 from packit_sim.robot.executed_item import Outcome
 from packit_sim.robot.grasps import Grasp
 from packit_sim.robot.recording import MOVED, Recording
@@ -163,19 +163,20 @@ def tool_path(
     rim = max([float(cell.size(cells)[2]), *tops])
     height = float(start.vertices[:, 2].max()) * cell.edge
     surface = start.vertices * cell.edge - pick
+    depth = place[2] - float(planned.vertices[:, 2].min()) * cell.edge
     carried = rim + cell.clearance + pick[2]
     over_pick = _raised(pick, height + cell.clearance)
     approach = [over_pick]
     if tilt:  # beside the item on the tool's axis, and from there along it
-        carried = rim + cell.clearance + float(np.linalg.norm(surface, axis=1).max()) + _DIP
+        ball = float(np.linalg.norm(surface, axis=1).max()) + _DIP
+        carried = rim + cell.clearance + (max(depth, pick[2]) if cell.arm == PANDA else ball)
         beside = pick + axis * (float((surface @ axis).max()) + cell.clearance)
         approach = [_raised(beside, carried), beside]
     home = _raised(cell.station(cells), carried)
     return ToolPath(
         [np.append(one, (yaw, tilt)) for one in (home, *approach, pick)],
         np.append(_raised(pick, carried), (yaw, tilt)),
-        np.append(_raised(place, carried), (released, 0.0)),
-        np.append(place, (released, 0.0)),
+        [np.append(one, (released, 0.0)) for one in (_raised(place, carried), place)],
         np.append(_raised(place, rim + cell.clearance), (released, 0.0)),
     )
 

@@ -25,6 +25,7 @@ from packit_sim.robot.arm import CUP, STATION_REACH, Arm, Route, ToolPath, tool_
 from packit_sim.robot.cell import TILTED_TOOL, TUBE, Cells, RobotCell
 from packit_sim.robot.motion import straight
 from packit_sim.robot.presentation import JITTER
+from packit_sim.robot.urdf import joint, link, tilting_tip
 
 KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 """The joints from the base to the tool of an arm that is driven: x, y, z and a wrist."""
@@ -39,56 +40,25 @@ MOST_BOXES = 200
 """Most boxes of the links in a URDF."""
 
 
-def _link(name: str, mass: float, size: tuple[float, float, float], at: float) -> str:
-    x, y, z = size
-    geometry = (
-        f'<origin xyz="0 0 {at}"/><geometry><box size="{x} {y} {z}"/></geometry>' if x else ""
-    )
-    solid = f"<visual>{geometry}</visual><collision>{geometry}</collision>" if geometry else ""
-    moment = max(mass, 1.0)
-    return (
-        f'<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{moment}" '
-        f'iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/></inertial>{solid}</link>'
-    )
-
-
-def _joint(
-    name: str,
-    kind: str,
-    links: tuple[str, str],
-    axis: str,
-    low: float,
-    high: float,
-    height: float = 0.0,
-) -> str:
-    parent, child = links
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0 0 {height}"/>'
-        f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="1000" velocity="2"/>'
-        "</joint>"
-    )
-
-
 def _bridge(low: float) -> str:
     """Return two axes that move a trolley; along x from a coordinate on."""
     return (
         '<robot name="gantry">'
-        + _link("base", 10.0, (0, 0, 0), 0)
-        + _joint("x", "prismatic", ("base", "bridge"), "1 0 0", low, 1.0)
-        + _link("bridge", 5.0, (0.06, 2.4, 0.06), 1.56)
-        + _joint("y", "prismatic", ("bridge", "trolley"), "0 1 0", -0.1, 1.5)
-        + _link("trolley", 5.0, (0.10, 0.10, 0.08), 1.48)
+        + link("base", 10.0, (0, 0, 0), 0)
+        + joint("x", "prismatic", ("base", "bridge"), "1 0 0", low, 1.0)
+        + link("bridge", 5.0, (0.06, 2.4, 0.06), 1.56)
+        + joint("y", "prismatic", ("bridge", "trolley"), "0 1 0", -0.1, 1.5)
+        + link("trolley", 5.0, (0.10, 0.10, 0.08), 1.48)
     )
 
 
 GANTRY = "".join(
     (
         _bridge(-0.1),
-        _joint("z", "prismatic", ("trolley", "column"), "0 0 1", 0.0, 1.0),
-        _link("column", 2.0, (TUBE, TUBE, 1.5 - CUP), 0.75 + CUP / 2),
-        _joint("wrist", "revolute", ("column", "tool"), "0 0 1", -6.3, 6.3),
-        _link("tool", 0.2, (0, 0, 0), 0),
+        joint("z", "prismatic", ("trolley", "column"), "0 0 1", 0.0, 1.0),
+        link("column", 2.0, (TUBE, TUBE, 1.5 - CUP), 0.75 + CUP / 2),
+        joint("wrist", "revolute", ("column", "tool"), "0 0 1", -6.3, 6.3),
+        link("tool", 0.2, (0, 0, 0), 0),
         "</robot>",
     )
 )
@@ -97,15 +67,11 @@ GANTRY = "".join(
 TILTING_GANTRY = "".join(
     (
         _bridge(-0.5),
-        _joint("z", "prismatic", ("trolley", "column"), "0 0 1", -0.15, 1.2),
-        _link("column", 2.0, (TUBE, TUBE, 1.5 - TILTED_TOOL), 0.75 + TILTED_TOOL / 2),
-        _joint("wrist", "revolute", ("column", "head"), "0 0 1", -6.3, 6.3, TILTED_TOOL),
-        _link("head", 0.2, (0, 0, 0), 0),
-        _joint("tilt", "revolute", ("head", "tube"), "0 1 0", 0.0, 1.6),
-        _link("tube", 0.2, (TUBE, TUBE, TILTED_TOOL - CUP), (CUP - TILTED_TOOL) / 2),
-        '<joint name="tip" type="fixed"><parent link="tube"/><child link="tool"/>'
-        f'<origin xyz="0 0 {-TILTED_TOOL}"/></joint>',
-        _link("tool", 0.2, (0, 0, 0), 0),
+        joint("z", "prismatic", ("trolley", "column"), "0 0 1", -0.15, 1.2),
+        link("column", 2.0, (TUBE, TUBE, 1.5 - TILTED_TOOL), 0.75 + TILTED_TOOL / 2),
+        joint("wrist", "revolute", ("column", "head"), "0 0 1", -6.3, 6.3),
+        link("head", 0.2, (0, 0, 0), 0),
+        tilting_tip(0.0),
         "</robot>",
     )
 )
@@ -234,7 +200,7 @@ class Gantry(Arm):
         return Route(
             start=self._joints(path.approach[0]),
             approach=self._timed(*path.approach),
-            carry=np.concatenate((up, self._timed(path.lifted, path.over_place, path.place))),
+            carry=np.concatenate((up, self._timed(path.lifted, *path.insertion))),
             leave=self._timed(path.place, path.retreat),
             lifted=len(up),
             abandon=np.empty((0, self.cell.joints)),

@@ -1,15 +1,16 @@
-"""The panda: an arm with seven joints on a pedestal, whose tool always points straight down.
+"""The panda: an arm with seven joints on a pedestal, whose flange always points straight down.
 
 Its model comes with PyBullet. The third and the fifth joint stay at 0, and the sixth follows the
-second and the fourth, so that the tool is vertical: joints of which this holds are level. A mean of
-level joints is level too, so that what the tool holds keeps its rotation on every straight move.
+second and the fourth, so that the flange is vertical: joints of which this holds are level. A mean
+of level joints is level too, so that what the tool holds keeps its rotation on every straight move.
+At level 2 the tool has an eighth joint near its end, which tilts it.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -26,20 +27,27 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.extras import MissingPackageError, needed_for
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
-from packit_sim.robot.arm import CUP, STATION_REACH, Arm, Route, ToolPath
-from packit_sim.robot.cell import PANDA, TUBE, WALL, Cells, RobotCell
+from packit_sim.robot.arm import CUP, STATION_REACH, Arm, Route, ToolPath, tool_rotation
+from packit_sim.robot.cell import PANDA, TILTED_TOOL, TUBE, WALL, Cells, RobotCell
 from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
 from packit_sim.robot.motion import along
 from packit_sim.robot.paths import find_path
+from packit_sim.robot.urdf import tilting_tip
 
 LEVEL = (0, 1, 3, 6)
-"""The joints that are chosen; the others follow."""
+"""The joints that are chosen, and the tool's; the others follow."""
+
+TILT = 1.6
+"""Largest angle by which the tool tilts to either side at level 2, radians."""
+
+TILT_SPEED = 2.61
+"""Largest speed of the tool's joint, rad/s: that of the wrist."""
 
 ADAPTER = (0.06, 0.06, 0.04)
 """The block that fixes the tube to the flange, m."""
 
 HAND = 6
-"""The number of links that can meet a held item: the others are above it."""
+"""The number of links that can meet a held item at level 1: the others are above it."""
 
 HOME = 0.40
 """Metres between the axis of the base and the cup, before and after."""
@@ -53,9 +61,9 @@ PEDESTAL = 0.20
 TUBE_MARGIN = 0.10
 """Metres by which the tube is longer than the box is high: the flange never enters the box."""
 
-_MOVED = np.array((1.0, 0.85, 0.6, 0.35))
-"""Bounds of how far a point of the arm or of what it holds moves, in m, by a radian of a level
-joint."""
+_MOVED = (np.array((1.0, 0.85, 0.6, 0.35)), np.array((1.1, 0.95, 0.7, 0.45, 0.45)))
+"""Bounds, at levels 1 and 2, of how far a point of the arm or of what it holds moves, in m, by a
+radian of a level joint."""
 
 _LINE = 0.005
 """Metres between two points of a straight line of the tool that are checked."""
@@ -171,25 +179,33 @@ class Panda(Arm):
         middle = float(cell.size(cells)[2]) + cell.clearance  # of the heights of the cup
         height = max(middle + length + model.flange - model.origins[0, 2, 3], 0.0)
         x, y = cell.foot(cells)
-        tube = trimesh.creation.box((TUBE, TUBE, length - CUP - ADAPTER[2]))
-        tube.apply_translation((0, 0, (length + CUP - ADAPTER[2]) / 2))
         adapter = trimesh.creation.box(ADAPTER)
         adapter.apply_translation((0, 0, length - ADAPTER[2] / 2))
+        low = CUP if cell.level == 1 else TILTED_TOOL
+        tube = trimesh.creation.box((TUBE, TUBE, length - low - ADAPTER[2]))
+        tube.apply_translation((0, 0, (length + low - ADAPTER[2]) / 2))
+        bodies = [*model.links, adapter, tube]
+        name, tip = "tool", ""
+        if cell.level == 2:
+            name, tip = "head", tilting_tip(-TILT)
+            end = trimesh.creation.box((TUBE, TUBE, TILTED_TOOL - CUP))
+            end.apply_translation((0, 0, (TILTED_TOOL + CUP) / 2))
+            bodies.append(end)
         tool = (
-            '<link name="tool"><inertial><mass value="0.2"/><inertia ixx="1" iyy="1" izz="1" '
+            f'<link name="{name}"><inertial><mass value="0.2"/><inertia ixx="1" iyy="1" izz="1" '
             f'ixy="0" ixz="0" iyz="0"/></inertial>{_box(tube)}{_box(adapter)}</link>'
-            '<joint name="tool" type="fixed"><parent link="panda_link8"/><child link="tool"/>'
-            f'<origin xyz="0 0 {length}" rpy="{math.pi} 0 0"/></joint></robot>'
+            f'<joint name="flange" type="fixed"><parent link="panda_link8"/><child link="{name}"/>'
+            f'<origin xyz="0 0 {length}" rpy="{math.pi} 0 0"/></joint>{tip}</robot>'
         )
         text = etree.tostring(model.robot, encoding="unicode").replace("</robot>", tool)
         base = Motion.shift((x, y, height))
-        return cls(cell, cells, length, base, text, (*model.links, adapter, tube))
+        return cls(cell, cells, length, base, text, tuple(bodies))
 
     def poses(self, joints: Floats) -> list[Motion]:
         """Return where the bodies are, in m, and last the tool."""
         frame = self.base.matrix
         found = [self.base]
-        for origin, angle in zip(panda_model().origins, joints.tolist(), strict=True):
+        for origin, angle in zip(panda_model().origins, joints[:7].tolist(), strict=True):
             cosine, sine = math.cos(angle), math.sin(angle)
             turn = np.array(
                 ((cosine, -sine, 0, 0), (sine, cosine, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
@@ -200,7 +216,11 @@ class Panda(Arm):
         tool = Motion(
             frame[:3, :3] * np.array((1.0, -1.0, -1.0)), frame[:3, 3] + frame[:3, 2] * reach
         )
-        return [*found, tool, tool, tool]
+        if self.cell.level == 1:
+            return [*found, tool, tool, tool]
+        axis = Motion.shift((0.0, 0.0, TILTED_TOOL))
+        tip = tool @ axis @ Motion(tool_rotation(0.0, float(joints[7]))) @ axis.inverse()
+        return [*found, tool, tool, tip, tip]
 
     def check(self, cells: Cells, longest: float) -> None:
         size, station = self.cell.size(cells), self.cell.station(cells)
@@ -209,10 +229,11 @@ class Panda(Arm):
         box = [(a, b) for a in (0, x / 2, x) for b in (0, y / 2, y)]
         turns = np.arange(8) * math.pi / 4
         around = station[:2] + STATION_REACH * np.column_stack((np.cos(turns), np.sin(turns)))
-        for name, spots in (("box", box), ("station", around.tolist())):
-            for height, what in ((0.0, "down to"), (rim + longest, "above the rim to")):
+        low = 0.0 if self.cell.level == 1 else -TILTED_TOOL  # of a tool that is level there
+        for name, spots, floor in (("box", box, 0.0), ("station", around.tolist(), low)):
+            for height, what in ((floor, "down to"), (rim + longest, "above the rim to")):
                 points = np.array([(*spot, height) for spot in spots])
-                reached = self._is_possible(self._inverse(points, 0.0))
+                reached = self._is_possible(self._inverse(points))
                 if not reached.all():
                     spot = ", ".join(f"{one:.3g}" for one in points[~reached][0])
                     raise ArgumentError(
@@ -223,42 +244,73 @@ class Panda(Arm):
                     )
 
     def route(self, path: ToolPath, load: trimesh.Trimesh, seed: Sequence[int]) -> Route | None:
-        """Plan straight lines down and up, and level paths between them."""
-        bearings = [self._bearing(point) - point[3] for point in (path.pick, path.place)]
-        turn = math.remainder(bearings[0] - bearings[1], 2 * math.pi) / 2
-        fetch = self._line(path.lifted, path.pick, turn)
-        insert = self._line(path.over_place, path.place, -turn)
-        retreat = self._line(path.place, path.retreat, -turn)
+        """Plan straight lines to, with and without the item, and paths between them."""
+        for turned in (False, True)[: self.cell.level]:
+            route = self._route(path, load, seed, turned)
+            if route is not None:
+                return route
+        return None
+
+    def _route(
+        self, path: ToolPath, load: trimesh.Trimesh, seed: Sequence[int], turned: bool
+    ) -> Route | None:
+        """Plan a route; at level 2 perhaps with a tool that is turned by 180 degrees."""
+
+        def line(*points: Floats) -> Floats:
+            return self._line([self._grip(path, turned, point) for point in points])
+
+        is_tilted = path.pick[4] != 0
+        first = path.approach[1] if is_tilted else path.lifted
+        fetch = line(first, *(path.approach[2:] if is_tilted else (path.pick,)))
+        up = line(path.pick, path.lifted)
+        aside = line(path.lifted, first)
+        insert = line(*path.insertion)
+        retreat = line(path.place, path.retreat)
+        held = load.copy()
+        held.apply_transform(self.poses(_level(up[0]))[-1].inverse().matrix)
         top = float(path.retreat[2]) - self.cell.clearance
         obstacles = self._obstacles(top)
-        links = self._padded[:-1]  # the tube comes down where the item comes down
-        for line in (fetch, insert, retreat):
-            if not self._is_possible(line).all():
-                return None
-            if not all(self._is_clear(point, links, obstacles) for point in line):
-                return None
-        home = self._inverse(self._home(top), 0.0)[0]
-        with_item = self._obstacles(top, load.bounds)
-        held = load.copy()
-        held.apply_translation(-path.pick[:3])
-        held.apply_transform(transformations.rotation_matrix(-self._yaw(fetch[-1]), (0, 0, 1)))
+        bodies = dict(enumerate(self._padded))
+        with_item = bodies | {len(bodies): PaddedBody.of(held)}
+        tubes = self.cell.level  # the last bodies: they come down where the item comes down
+        links = dict(enumerate(self._padded[:-tubes]))
+        nearby = self._obstacles(top, table=False)
+        checks = [(fetch, bodies, nearby), (up, with_item, nearby), (aside, bodies, obstacles)]
+        checks += [(one, links, obstacles) for one in (fetch, insert, retreat)]
+        if not all(self._is_possible(points).all() for points, _, _ in checks):
+            return None
+        if not all(self._is_clear(one, *what) for points, *what in checks for one in points):
+            return None
+        home = self._inverse(self._home(top))[0]
         rng = np.random.default_rng(seed)
-        reach = self._path(home, fetch[0], self._padded, with_item, rng)
-        bodies = (*self._padded, PaddedBody.of(held))
-        carry = self._path(fetch[0], insert[0], bodies, obstacles, rng)
-        back = self._path(retreat[-1], home, self._padded, obstacles, rng)
+        reach = self._path(home, fetch[0], bodies, self._obstacles(top, load.bounds), rng)
+        carry = self._path(up[-1], insert[0], with_item, obstacles, rng)
+        back = self._path(retreat[-1], home, bodies, obstacles, rng)
         if reach is None or carry is None or back is None:
             return None
-        up = self._timed(fetch[::-1])
+        lift = self._timed(up)
         approach = self._along_edges(reach)
         return Route(
             start=_level(home),
             approach=np.concatenate((approach, self._timed(fetch))),
-            carry=np.concatenate((up, self._along_edges(carry), self._timed(insert))),
+            carry=np.concatenate((lift, self._along_edges(carry), self._timed(insert))),
             leave=np.concatenate((self._timed(retreat), self._along_edges(back))),
-            lifted=len(up),
-            abandon=np.concatenate((approach[::-1], _level(home)[None])),
+            lifted=len(lift),
+            abandon=np.concatenate((self._timed(aside), approach[::-1], _level(home)[None])),
         )
+
+    def _grip(self, path: ToolPath, turned: bool, point: Floats) -> Floats:
+        """Return a point of a path with the angle about the vertical of the tool, not the item.
+
+        At level 1 the tool grips the item so that its wrist turns equally far to both sides; at
+        level 2 the tilt decides, so that there are two ways.
+        """
+        sign = -1.0 if turned else 1.0
+        turn = math.pi if turned else 0.0
+        if self.cell.level == 1:
+            bearings = [self._bearing(one) - one[3] for one in (path.pick, path.place)]
+            turn = bearings[0] - math.remainder(bearings[0] - bearings[1], 2 * math.pi) / 2
+        return point * np.array((1.0, 1.0, 1.0, 1.0, sign)) + np.array((0.0, 0.0, 0.0, turn, 0.0))
 
     @cached_property
     def _padded(self) -> tuple[PaddedBody, ...]:
@@ -267,7 +319,7 @@ class Panda(Arm):
     @cached_property
     def _pairs(self) -> list[tuple[int, int]]:
         """Pairs of bodies that can meet: those that are apart at home."""
-        poses = self.poses(_level(self._inverse(self._home(0.0), 0.0)[0]))
+        poses = self.poses(_level(self._inverse(self._home(0.0))[0]))
         pairs = combinations(enumerate(self._padded), 2)
         return [(i, j) for (i, a), (j, b) in pairs if are_apart(a, poses[i], b, poses[j])]
 
@@ -278,66 +330,86 @@ class Panda(Arm):
         least = float(self.cell.size(self.cells)[2])
         return np.array(((x + spot, y + spot, max(top, least) + 2 * self.cell.clearance),))
 
-    def _obstacles(self, top: float, item: Floats | None = None) -> Obstacles:
-        """Return the box as a block up to a height, the table, the pedestal, and an item."""
+    def _obstacles(self, top: float, item: Floats | None = None, table: bool = True) -> Obstacles:
+        """Return the box as a block up to a height, the pedestal, an item, and the table."""
         x, y, _ = self.cell.size(self.cells).tolist()
         wall, far = WALL * self.cell.edge, 5.0
         at, half = self.base.translation, np.array((PEDESTAL / 2, PEDESTAL / 2, 0.0))
         ends = [
             ((-wall, -wall, 0), (x + wall, y + wall, top)),
-            ((-far, -far, -1), (far, far, 0)),
             (at * (1, 1, 0) - half, at + half),
         ]
+        ends += [((-far, -far, -1), (far, far, 0))] if table else []
         return Obstacles.of([*ends, item] if item is not None else ends)
 
-    def _is_clear(self, free: Floats, bodies: Sequence[PaddedBody], obstacles: Obstacles) -> bool:
-        """Decide whether bodies are clear of obstacles and of each other; the last may be held."""
+    def _is_clear(
+        self, free: Floats, bodies: Mapping[int, PaddedBody], obstacles: Obstacles
+    ) -> bool:
+        """Decide whether bodies, by number, are clear of obstacles and of each other.
+
+        The number after those of the arm is that of the held item. Body 0 is fixed. The tubes
+        are clear of the held item at any tilt, by the choice of grasps.
+        """
         poses = self.poses(_level(free))
-        moving = list(zip(bodies, poses, strict=False))
-        if not all(obstacles.is_clear(*one) for one in moving[1:]):  # the first one is fixed
+        moving = {n: (body, poses[n]) for n, body in bodies.items()}
+        if not all(obstacles.is_clear(*one) for n, one in moving.items() if n):
             return False
-        held = ((n, len(self.bodies)) for n in range(HAND))
+        hand = HAND if self.cell.level == 1 else len(self.bodies) - self.cell.level
+        held = ((n, len(self.bodies)) for n in range(hand))
         return all(
-            are_apart(*moving[i], *moving[j]) for i, j in (*self._pairs, *held) if j < len(moving)
+            are_apart(*moving[i], *moving[j])
+            for i, j in (*self._pairs, *held)
+            if i in moving and j in moving
         )
 
     def _path(
         self,
         start: Floats,
         goal: Floats,
-        bodies: Sequence[PaddedBody],
+        bodies: Mapping[int, PaddedBody],
         obstacles: Obstacles,
         rng: np.random.Generator,
     ) -> Floats | None:
         """Find a path between level joints."""
 
         def is_free(one: Floats, other: Floats) -> bool:
-            count = math.ceil(float(np.abs(other - one) @ _MOVED) / (2 * PADDING)) + 1
+            moved = float(np.abs(other - one) @ _MOVED[self.cell.level - 1])
+            count = math.ceil(moved / (2 * PADDING)) + 1
             points = np.linspace(one, other, max(count, 2))
             return bool(self._is_possible(points).all()) and all(
                 self._is_clear(point, bodies, obstacles) for point in points[_spread(len(points))]
             )
 
-        model = panda_model()
-        low, high = (limit[list(LEVEL)] for limit in (model.low, model.high))
+        model, tilt = panda_model(), (TILT,) * (self.cell.level - 1)
+        low = np.append(model.low[list(LEVEL)], np.negative(tilt))
+        high = np.append(model.high[list(LEVEL)], tilt)
         return find_path(start, goal, low, high, is_free, rng)
 
     def _bearing(self, point: Floats) -> float:
         x, y, _ = point[:3] - self.base.translation
         return math.atan2(y, x)
 
-    def _yaw(self, free: Floats) -> float:
-        """Return the angle of the tool about the vertical."""
-        x, y = self.poses(_level(free))[-1].rotation[:2, 0].tolist()
-        return math.atan2(y, x)
+    def _line(self, points: Sequence[Floats]) -> Floats:
+        """Return level joints along straight lines of the tool; nan out of reach."""
+        found = [points[0][None]]
+        for start, end in pairwise(points):
+            count = math.ceil(float(np.linalg.norm(end[:3] - start[:3])) / _LINE) + 1
+            found.append(np.linspace(start, end, count)[1:])
+        along_it = np.concatenate(found)
+        yaw, tilt = along_it[:, 3], along_it[:, 4]
+        free = self._inverse(along_it[:, :3] + _aside(yaw, tilt))
+        free[:, 3] = np.remainder(free[:, 0] - yaw + math.pi, 2 * math.pi) - math.pi
+        free[:, 4:] = tilt[:, None]
+        return free
 
-    def _line(self, start: Floats, end: Floats, last: float) -> Floats:
-        """Return level joints (n, 4) along a straight line of the tool; nan out of reach."""
-        count = math.ceil(float(np.linalg.norm(end[:3] - start[:3])) / _LINE) + 1
-        return self._inverse(np.linspace(start[:3], end[:3], count), last)
+    def _inverse(self, points: Floats) -> Floats:
+        """Return level joints for places of the cup (n, 3) in m, 0 at the tool; nan out of reach.
 
-    def _inverse(self, points: Floats, last: float) -> Floats:
-        """Return level joints (n, 4) for places of the cup (n, 3) in m; nan out of reach."""
+        Returns
+        -------
+        ndarray of float64, shape (n, 4), or (n, 5) at level 2
+            The joints of `LEVEL`, and the tilt.
+        """
         x, y, z = (points - self.base.translation).T
         upper, lower, bend, fold, offset, shoulder = _lengths()
         away = np.hypot(x, y) - offset
@@ -347,16 +419,14 @@ class Panda(Arm):
         lift = np.arctan2(away, high) - np.arctan2(
             lower * np.sin(angle), upper + lower * np.cos(angle)
         )
-        return np.column_stack(
-            (np.arctan2(y, x), lift - bend, -angle - fold, np.full(len(points), last))
-        )
+        rest = np.zeros((len(points), self.cell.level))
+        return np.column_stack((np.arctan2(y, x), lift - bend, -angle - fold, rest))
 
     def _is_possible(self, free: Floats) -> npt.NDArray[np.bool_]:
-        """Decide which level joints (n, 4) are within the limits."""
-        joints = _level(free)
-        return np.asarray(
-            ((joints >= panda_model().low) & (joints <= panda_model().high)).all(axis=1)
-        )
+        """Decide which level joints are within the limits."""
+        joints, model = _level(free), panda_model()
+        within = (joints[:, :7] >= model.low) & (joints[:, :7] <= model.high)
+        return np.asarray(within.all(axis=1) & (np.abs(joints[:, 7:]) <= TILT).all(axis=1))
 
     def _along_edges(self, corners: Floats) -> Floats:
         """Time a path between level joints, with a stop at each corner."""
@@ -364,30 +434,41 @@ class Panda(Arm):
         return np.concatenate([self._timed(edge) for edge in edges])
 
     def _timed(self, free: Floats) -> Floats:
-        """Time a path of level joints (n, 4), within the limits of the tool and the joints."""
+        """Time a path of level joints, within the limits of the tool and the joints."""
         joints = _level(free)
-        seconds = (np.abs(np.diff(joints, axis=0)) / panda_model().speeds).max(axis=1)
+        speeds = np.append(panda_model().speeds, (TILT_SPEED,) * (self.cell.level - 1))
+        seconds = (np.abs(np.diff(joints, axis=0)) / speeds).max(axis=1)
         moved = np.linalg.norm(np.diff(self._cups(free), axis=0), axis=1)
         return along(joints, np.maximum(seconds * self.cell.speed, moved), self.cell)
 
     def _cups(self, free: Floats) -> Floats:
-        """Return where the cup is, (n, 3), at level joints (n, 4)."""
+        """Return where the cup is, (n, 3), at level joints."""
         upper, lower, bend, fold, offset, shoulder = _lengths()
         first = free[:, 1] + bend
         second = first - free[:, 2] - fold
         away = upper * np.sin(first) + lower * np.sin(second) + offset
         high = upper * np.cos(first) + lower * np.cos(second) + shoulder
         high -= self.length + panda_model().flange
-        return self.base.translation + np.column_stack(
+        upright = self.base.translation + np.column_stack(
             (away * np.cos(free[:, 0]), away * np.sin(free[:, 0]), high)
         )
+        if self.cell.level == 1:
+            return upright
+        return upright - _aside(free[:, 0] - free[:, 3], free[:, 4])
 
 
 def _level(free: Floats) -> Floats:
-    """Return all joints (..., 7) for level ones (..., 4)."""
-    first, second, fourth, last = np.moveaxis(free, -1, 0)
+    """Return all joints (..., 7 or 8) for level ones (..., 4 or 5)."""
+    first, second, fourth, *last = np.moveaxis(free, -1, 0)
     none = np.zeros_like(first)
-    return np.stack((first, second, none, fourth, none, second - fourth, last), axis=-1)
+    return np.stack((first, second, none, fourth, none, second - fourth, *last), axis=-1)
+
+
+def _aside(yaw: Floats, tilt: Floats) -> Floats:
+    """Return how far from a tilted cup (n, 3) it would be if the tool were vertical, m."""
+    sine = np.sin(tilt)
+    away = np.column_stack((np.cos(yaw) * sine, np.sin(yaw) * sine, np.cos(tilt) - 1.0))
+    return np.asarray(TILTED_TOOL * away)
 
 
 @functools.cache

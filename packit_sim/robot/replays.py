@@ -12,10 +12,10 @@ import trimesh
 from lxml import etree
 
 from packit_sim.core.files import replace_text, require_replaceable, require_same
-from packit_sim.robot.arm import with_cup
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import GRAVITY
 from packit_sim.robot.trajectory import Trajectory
+from packit_sim.robot.urdf import with_cup
 
 FORMAT = "packit-robot-replay 1"
 

@@ -15,7 +15,8 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.world import World
-from packit_sim.robot.arm import Arm, with_cup
+from packit_sim.robot.arm import Arm
+from packit_sim.robot.urdf import with_cup
 
 _STIFF = 1e9
 """Largest force of the arm's motors, in the world's unit: the arm is stronger than any load."""
