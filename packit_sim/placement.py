@@ -5,7 +5,7 @@
   locations: slow, obvious, and always equal. `Occupancy` is the state that they read.
 - *Does it rest on something?* `support` is the share of its base that does.
 - *Can it be put in, or taken out?* `insertable_mask` for straight moves down, `disassemble` and
-  `insertion_routes` for several moves on the grid, `compact` and `drops` for moves off it.
+  `insertion_routes` for several moves on the grid, `free_way`, `compact` and `drops` off it.
 - *Meshes off the grid*: `LooseMesh` for collisions and distances, `winding_number` and
   `PartArrays` for containment, `least_rise` for the free way along an axis.
 - *For kernels* of other packages: the arrays of a box and the functions that read them.
@@ -39,7 +39,7 @@ from packit_sim.engine.feasibility import (
 )
 from packit_sim.engine.insertion import (
     blockers_above,
-    free_fall,
+    free_way,
     insertable_mask,
     is_insertable,
     is_insertable_oracle,
@@ -101,7 +101,7 @@ __all__ = [
     "feasible_in_any",
     "first",
     "fits",
-    "free_fall",
+    "free_way",
     "holds",
     "insertable_mask",
     "insertion_routes",

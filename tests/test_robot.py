@@ -14,7 +14,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from trimesh import creation
 
+from packit_agents.placements.free_space import FreeSpace
 from packit_sim import placement
+from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
@@ -37,7 +39,8 @@ from packit_sim.robot.cell import RobotCell, SuctionGripper
 from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
 from packit_sim.robot.executed_item import Outcome
 from packit_sim.robot.gantry import GANTRY, Gantry
-from packit_sim.robot.grasps import best_grasp
+from packit_sim.robot.grasps import Grasp, best_grasp
+from packit_sim.robot.insertion import insertion_shifts
 from packit_sim.robot.measures import measures
 from packit_sim.robot.motion import straight
 from packit_sim.robot.panda import panda_model
@@ -379,6 +382,9 @@ def test_an_item_without_a_grasp_is_set_aside() -> None:
     assert box.put(cone, (0, 0, 0)) == 0
     assert box.placed[0].outcome is Outcome.NO_GRASP and not box.placed[0].counts
     assert box.is_feasible(ITEMS[0], (0, 0, 0)) and box.density == 0
+    space = FreeSpace.empty([ITEMS[0]], CELLS)
+    whole = space.rows(0, Box(CELLS)).copy()
+    assert np.array_equal(space.rows(0, box), whole) and whole.any()
     with pytest.raises(InfeasibleError, match="can't be held or reached"):
         RobotBox(CELLS, CELL).put(cone, (0, 0, 0))
 
@@ -392,6 +398,60 @@ def test_an_item_without_a_way_from_above_is_set_aside() -> None:
     assert roof.is_feasible(low, (0, 6, 0))
     roof.put(low, (0, 6, 0))
     assert [one.outcome for one in roof.placed][-1] is Outcome.NO_PATH
+
+
+SHELF = [
+    PlacedItem(block(16, 8, 12), (0, 0, 0)),
+    PlacedItem(block(16, 8, 12), (0, 8, 0)),
+    PlacedItem(block(18, 40, 2), (0, 0, 3)),
+]
+"""A board on two posts."""
+
+BELOW = PlacedItem(block(20, 12, 4), (4, 3, 0))
+"""A block of which 2 cells are below the board."""
+
+
+def test_the_fewest_straight_moves_are_found_past_which_the_cup_fits() -> None:
+    others, released = [PosedItem.of(one) for one in SHELF], PosedItem.of(BELOW)
+    grasp = Grasp((0.0, 0.0, 0.02), 0.016)
+
+    def shifts(grasp: Grasp, moves: int) -> list[list[float]] | None:
+        agile = replace(CELL, moves=moves)
+        found = insertion_shifts(others, released, grasp, cell=agile, cells=CELLS)
+        return None if found is None else [shift.tolist() for shift in found]
+
+    assert shifts(grasp, 1) is None
+    first, last = shifts(grasp, 2) or ([], [])
+    assert 0.02 <= first[0] <= 0.04 and first[1:] == [0, 0] and last == [0, 0, 0]
+    below_the_board = Grasp((-0.06, 0.0, 0.02), 0.016)
+    assert shifts(below_the_board, 3) is None
+    lid = PosedItem.of(PlacedItem(block(40, 40, 2), (0, 0, 4)))
+    others.append(lid)
+    assert shifts(grasp, 3) is None
+    others[3] = released.moved(Motion.shift((0.02, 0.0, 0.0)))  # crosses it
+    assert shifts(grasp, 3) is None
+
+
+@pytest.mark.slow
+def test_several_straight_moves_insert_an_item_below_another() -> None:
+    shelf = RobotBox(CELLS, replace(CELL, reachable=False))
+    for one in SHELF:
+        shelf.put(one.item, one.location)
+    before, low, below = shelf.snapshot(), BELOW.item, BELOW.location
+    shelf.put(low, below)
+    assert shelf.placed[-1].outcome is Outcome.NO_PATH
+    agile = RobotBox(CELLS, replace(shelf.cell, moves=2))
+    agile.restore(before)
+    agile.put(low, below)
+    last = agile.placed[-1]
+    assert last.outcome is Outcome.PLACED and last.counts
+    assert last.displacement[0] < 0.004 and agile.placed[2].moved[0] < 0.002
+    own = last.recording
+    held = own.joints[own.held[0] : own.held[1]]
+    inside = (held[:, 2] < CELL.edge * 0.1) & (held[:, 1] < CELL.edge * 0.4)
+    assert 0.005 < np.ptp(held[inside, 0]) < 0.013  # near the floor of the box it moves along x
+    trajectory = Trajectory.of(agile.cell, CELLS, agile.placed)
+    assert measures(trajectory, [one.item for one in agile.placed])["penetration"] < 0.001
 
 
 def test_a_weak_grasp_is_lost() -> None:
@@ -490,7 +550,7 @@ def test_items_and_boxes_that_do_not_go_are_refused_before_anything_is_simulated
     for wrong in ({"level": 3}, {"edge": 0}, {"gripper": {"cups": ()}}):
         with pytest.raises(ArgumentError, match="is not possible"):
             Rules.from_json({"robot": wrong})
-    with pytest.raises(ArgumentError, match="level 2 is not possible for arm 'own.urdf'"):
+    with pytest.raises(ArgumentError, match=r"level 2 is not possible for arm 'own\.urdf'"):
         replace(CELL, arm="own.urdf", level=2)
     with pytest.raises(ArgumentError, match="physics of its own"):
         Rules(robot=CELL, kinematic=True)

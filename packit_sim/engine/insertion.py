@@ -26,7 +26,13 @@ from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.insertion_kernels import NONE, column_ends, required_heights
 from packit_sim.engine.screening import Locations
-from packit_sim.engine.sweeping import least_rise_oracle, posed_surface, surface
+from packit_sim.engine.sweeping import (
+    AxisNumber,
+    cyclic,
+    least_rise_oracle,
+    posed_surface,
+    surface,
+)
 from packit_sim.engine.sweeping_kernels import least_rise, rises
 from packit_sim.geometry.deviation import Surface
 from packit_sim.geometry.items import ItemInBox, PlacedItem, triangles
@@ -150,19 +156,34 @@ def is_insertable(placed: Sequence[ItemInBox], candidate: ItemInBox) -> bool:
     return bool(insertable_mask(over, candidate.item, mask)[candidate.location])
 
 
-def free_fall(candidate: ItemInBox, other: ItemInBox) -> float:
-    """Compute how far an item can move straight down until it meets another one.
+def free_way(
+    candidate: ItemInBox, other: ItemInBox, axis: AxisNumber = 2, forward: bool = False
+) -> float:
+    """Compute how far an item can move straight, by default down, until it meets another one.
+
+    Parameters
+    ----------
+    candidate : ItemInBox
+        The item that moves.
+    axis : {0, 1, 2}, default: 2
+        The axis of the motion.
+    forward : bool
+        Whether it moves towards larger coordinates.
 
     Returns
     -------
     float
-        Distance in box units; inf if they never meet.
+        Distance in box units; inf if they never meet. As in `sweeping.free_distance`, what crosses
+        the item at the start is ignored.
     """
     if isinstance(candidate, PlacedItem):
         offset = _offsets(candidate.item, np.array([candidate.location]), other)[0]
     else:
         offset = other.center - candidate.center
-    return float(least_rise(_surface(other), _surface(candidate), -offset, 0.0))
+    mine, its, apart = _surface(candidate, axis), _surface(other, axis), offset[cyclic(axis)]
+    if not forward:  # the same as the other item moving forward
+        mine, its, apart = its, mine, -apart
+    return float(least_rise(mine, its, apart, 0.0))
 
 
 def blockers_above(placed: Sequence[ItemInBox], candidate: PlacedItem) -> tuple[int, ...]:
@@ -204,8 +225,10 @@ def _offsets(item: Item, locations: Locations, other: ItemInBox) -> npt.NDArray[
     return np.asarray((np.add(other.start, other.stop) - twice_centers) * (CELL / 2))
 
 
-def _surface(other: ItemInBox) -> Surface:
-    return surface(other.item) if isinstance(other, PlacedItem) else posed_surface(other)
+def _surface(other: ItemInBox, axis: AxisNumber = 2) -> Surface:
+    if isinstance(other, PlacedItem):
+        return surface(other.item, axis)
+    return posed_surface(other, axis)
 
 
 def _span(other: ItemInBox) -> tuple[Sequence[float], Sequence[float]]:

@@ -53,13 +53,7 @@ def surface(item: Item, axis: AxisNumber = 2) -> Surface:
         The mesh relative to the item's centre, in box units.
     """
     if axis != 2:
-        upright = surface(item)
-        turned = cyclic(axis)
-        return Surface(
-            np.ascontiguousarray(upright.triangles[..., turned]),
-            np.ascontiguousarray(upright.boxes[..., turned]),
-            upright.starts,
-        )
+        return _reordered(surface(item), axis)
     shrink = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
     mesh = item.mesh
     return Surface.of(trimesh.Trimesh(mesh.vertices * shrink, mesh.faces, process=False))
@@ -70,14 +64,26 @@ def surface(item: Item, axis: AxisNumber = 2) -> Surface:
     OFF_GRID_SURFACES_BUDGET,
     "bytes",
     size=lambda surface: surface.triangles.nbytes + surface.boxes.nbytes,
-    key=lambda posed: (posed.item.key, posed.matrix.tobytes()),
+    key=lambda posed, axis=2: (posed.item.key, posed.matrix.tobytes(), axis),
 )
-def posed_surface(posed: ItemInBox) -> Surface:
+def posed_surface(posed: ItemInBox, axis: AxisNumber = 2) -> Surface:
     """Look up the collision mesh of an item off the grid, relative to its centre, as `surface`."""
+    if axis != 2:
+        return _reordered(posed_surface(posed), axis)
     item = posed.item.turned(0)
     shrink = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
     vertices = posed.pose.direction(np.asarray(item.mesh.vertices) * shrink)
     return Surface.of(trimesh.Trimesh(vertices, item.mesh.faces, process=False))
+
+
+def _reordered(upright: Surface, axis: AxisNumber) -> Surface:
+    """Return a surface with another axis as the last one."""
+    turned = cyclic(axis)
+    return Surface(
+        np.ascontiguousarray(upright.triangles[..., turned]),
+        np.ascontiguousarray(upright.boxes[..., turned]),
+        upright.starts,
+    )
 
 
 def cyclic(axis: AxisNumber) -> list[int]:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
-from packit_sim import placement
 from packit_sim.geometry.items import ItemInBox, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
@@ -17,6 +16,7 @@ from packit_sim.robot.cell import Cells, RobotCell
 from packit_sim.robot.executed_item import ExecutedItem, Outcome
 from packit_sim.robot.execution import Execution, execute, tool_path
 from packit_sim.robot.grasps import best_grasp, grasp_off_the_grid
+from packit_sim.robot.insertion import insertion_shifts
 from packit_sim.robot.presentation import presented
 from packit_sim.robot.recording import Recording
 
@@ -45,8 +45,8 @@ def attempt(
     -------
     tuple of ExecutedItem
         All items that were tried, and last this one, where they are afterwards. It has the outcome
-        `no path` if it would meet another item, where that really is, on its way straight down, or
-        protrude from the box.
+        `no path` if it would meet another item, where that really is, on each of its ways into the
+        box (see `insertion_shifts`), or protrude from the box.
     """
     number = len(tried)
     there = [n for n, one in enumerate(tried) if is_over(cells, one.posed)]
@@ -58,9 +58,11 @@ def attempt(
         grasp = grasp_off_the_grid(planned, cell)
     route = None
     released = planned.moved(Motion.shift((0.0, 0.0, cell.gap / cell.edge)))
-    is_free = cell.holds(cells, planned) and placement.is_insertable(actual, released)
-    if grasp is not None and is_free:
-        path = tool_path(actual, aside, planned, grasp, cell=cell, cells=cells)
+    shifts = None
+    if grasp is not None and cell.holds(cells, planned):
+        shifts = insertion_shifts(actual, released, grasp, cell=cell, cells=cells)
+    if grasp is not None and shifts is not None:
+        path = tool_path(actual, aside, planned, grasp, shifts, cell=cell, cells=cells)
         route = arm.route(path, _load(aside, cell), (cell.seed, number))
     if grasp is None or route is None:
         outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH

@@ -138,6 +138,9 @@ class RobotCell:
     reachable : bool
         Whether masks have only placements that the gripper can hold and that can be reached
         straight from above.
+    moves : int
+        Largest number of straight moves that insert an item: with 1 it comes straight down, with
+        more also along x, y and z, where nothing else leads to the placement that was chosen.
     open_loop : bool
         Whether masks are computed among the planned poses, not among the actual ones.
     seed : int
@@ -178,6 +181,7 @@ class RobotCell:
     gripper: SuctionGripper = field(default_factory=SuctionGripper)
     level: int = 1
     reachable: bool = True
+    moves: int = 1
     open_loop: bool = False
     seed: int = 0
     speed: float = 1.0
@@ -193,6 +197,7 @@ class RobotCell:
             density=Range(1.0, 30_000.0),
             friction=Range(0.0, 10.0),
             level=(self.level in (1, 2), "1 or 2"),
+            moves=Range(1, 4),
             seed=Range(0, 2**63 - 1),
             speed=POSITIVE,
             acceleration=POSITIVE,

@@ -124,11 +124,12 @@ def tool_path(
     start: PosedItem,
     planned: PosedItem,
     grasp: Grasp,
+    shifts: Sequence[Floats],
     *,
     cell: RobotCell,
     cells: Cells,
 ) -> ToolPath:
-    """Compute where the tool passes: straight up, over the rim and what protrudes, straight down.
+    """Compute where the tool passes: up, over the rim and what protrudes, and in by straight moves.
 
     At level 2 the tool comes along its axis, tilted, and is turned above the rim.
 
@@ -142,6 +143,8 @@ def tool_path(
         Where the arm releases it.
     grasp : Grasp
         Where the cup holds it.
+    shifts : sequence of ndarray of float64, shape (3,)
+        The straight moves into the box (see `insertion_shifts`).
 
     Returns
     -------
@@ -159,6 +162,7 @@ def tool_path(
     pick = (start.center + turn @ point) * cell.edge
     place = (planned.center + point) * cell.edge
     place[2] += cell.gap
+    turns = [place + shift * cell.edge for shift in shifts]
     tops = [float(posed.vertices[:, 2].max()) * cell.edge for posed in before]
     rim = max([float(cell.size(cells)[2]), *tops])
     height = float(start.vertices[:, 2].max()) * cell.edge
@@ -176,7 +180,7 @@ def tool_path(
     return ToolPath(
         [np.append(one, (yaw, tilt)) for one in (home, *approach, pick)],
         np.append(_raised(pick, carried), (yaw, tilt)),
-        [np.append(one, (released, 0.0)) for one in (_raised(place, carried), place)],
+        [np.append(one, (released, 0.0)) for one in (_raised(turns[0], carried), *turns)],
         np.append(_raised(place, rim + cell.clearance), (released, 0.0)),
     )
 

@@ -275,12 +275,14 @@ class Panda(Arm):
         tubes = self.cell.level  # the last bodies: they come down where the item comes down
         links = dict(enumerate(self._padded[:-tubes]))
         nearby = self._obstacles(top, table=False)
+        lines = (fetch, up, aside, insert, retreat)
+        if not all(self._is_possible(points).all() for points in lines):
+            return None
         checks = [(fetch, bodies, nearby), (up, with_item, nearby), (aside, bodies, obstacles)]
         checks += [(one, links, obstacles) for one in (fetch, insert, retreat)]
-        if not all(self._is_possible(points).all() for points, _, _ in checks):
-            return None
-        if not all(self._is_clear(one, *what) for points, *what in checks for one in points):
-            return None
+        for points, moving, there in checks:
+            if not all(self._is_clear(point, moving, there) for point in points):
+                return None
         home = self._inverse(self._home(top))[0]
         rng = np.random.default_rng(seed)
         reach = self._path(home, fetch[0], bodies, self._obstacles(top, load.bounds), rng)

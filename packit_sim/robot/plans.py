@@ -20,6 +20,8 @@ from packit_sim.robot.arms import arm_of
 from packit_sim.robot.attempts import attempt, is_over
 from packit_sim.robot.cell import INSIDE, Cells, RobotCell
 from packit_sim.robot.executed_item import ExecutedItem
+from packit_sim.robot.grasps import grasp_off_the_grid
+from packit_sim.robot.insertion import insertion_shifts
 from packit_sim.robot.measures import inside_volume, measures
 from packit_sim.robot.trajectory import Trajectory
 
@@ -118,7 +120,8 @@ def _lowered(
 ) -> PosedItem:
     """Return an item where it rests after it came straight down, at the best of the places.
 
-    It is where it was wanted if it would protrude from the box at all of them.
+    It is where it was wanted if several moves lead there, or if it would protrude from the box at
+    all of the places.
     """
     size = np.array(cells) * CELL
     low, high = wanted.vertices.min(axis=0), wanted.vertices.max(axis=0)
@@ -133,9 +136,28 @@ def _lowered(
         if sideways.any() and not is_inside:
             continue
         above = raised.moved(Motion.shift((*shift, 0.0)))
-        fall = min([top, *(placement.free_fall(above, other) for other in known)])
+        fall = min([top, *(placement.free_way(above, other) for other in known)])
         if top - fall < least:
             best, least = above.moved(Motion.shift((0.0, 0.0, -fall))), top - fall
         if least <= low[2] + _HIGHER / cell.edge:
             break
+    if cell.moves > 1 and least > low[2] + _HIGHER / cell.edge:
+        return _moved_in(wanted, known, cells, cell) or best
     return best
+
+
+def _moved_in(
+    wanted: PosedItem, known: Sequence[PosedItem], cells: Cells, cell: RobotCell
+) -> PosedItem | None:
+    """Return an item at its place, or a little above it, if several moves lead there."""
+    grasp = grasp_off_the_grid(wanted, cell)
+    if grasp is None:
+        return None
+    for height in np.arange(0.0, SHIFT, _SHIFT_STEP / 2).tolist():
+        posed = wanted.moved(Motion.shift((0.0, 0.0, (height + cell.gap) / cell.edge)))
+        if insertion_shifts(known, posed, grasp, cell=cell, cells=cells) is not None:
+            fall = min(
+                [float(posed.vertices[:, 2].min()), *(placement.free_way(posed, o) for o in known)]
+            )
+            return posed.moved(Motion.shift((0.0, 0.0, -fall)))
+    return None

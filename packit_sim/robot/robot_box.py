@@ -175,5 +175,5 @@ class RobotBox(BaseBox[Any]):
         """Return an item straight below its location, where it touches what masks know of."""
         posed = PosedItem.of(candidate)
         below = [float(posed.vertices[:, 2].min())]
-        below += [placement.free_fall(candidate, other) for other in self._occupancy.placed]
+        below += [placement.free_way(candidate, other) for other in self._occupancy.placed]
         return posed.moved(Motion.shift((0.0, 0.0, -max(min(below), 0.0))))

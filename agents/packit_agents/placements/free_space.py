@@ -214,7 +214,7 @@ class FreeSpace:
             uint64 [rotation, z, x]: bit y is a location that no cells block, and that was not
             removed.
         """
-        count = len(box.placed)
+        count = len(box.spans)  # an arm may have set items aside
         if self._known[item] < count:
             own = self._rows[item].copy()
             spans = box.spans[self._known[item] :]
