@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from gymnasium.utils.env_checker import check_env
 from trimesh import creation
 
@@ -40,6 +41,7 @@ from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
 from packit_sim.robot.executed_item import Outcome
 from packit_sim.robot.gantry import GANTRY, Gantry
 from packit_sim.robot.grasps import Grasp, best_grasp
+from packit_sim.robot.height_kernels import highest_in_disc
 from packit_sim.robot.insertion import insertion_shifts
 from packit_sim.robot.measures import measures
 from packit_sim.robot.motion import straight
@@ -203,6 +205,30 @@ def test_a_cup_holds_where_it_is_flat_near_the_centre_of_mass() -> None:
         if found is not None:
             top = Item(TILTED, 0.02, turn).mesh.vertices[:, 2].max()
             assert found.point[2] <= top + 1e-9
+
+
+def test_a_tip_between_samples_is_found() -> None:
+    spike = creation.cone(0.2, 2.5)
+    spike.apply_translation((0.7, 0.7, 4.0))  # of its samples, the four around it miss it
+    plate = creation.box((40, 40, 8))
+    item = Item(Shape.from_mesh(trimesh.util.concatenate([plate, spike]), "plate"), 0.2)
+    grasp = best_grasp(item, CELL)
+    assert grasp is not None and math.hypot(grasp.point[0], grasp.point[1]) > 0.01
+    surface = np.asarray(item.mesh.triangles)
+    x, y, top = grasp.point
+    assert top == highest_in_disc(surface, x, y, grasp.radius / CELL.edge)
+    assert highest_in_disc(surface, 0.0, 0.0, 1.0) == pytest.approx(surface[..., 2].max())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_highest_point_in_a_disc_is_that_of_many_samples(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    triangles = rng.uniform(-1.0, 1.0, (6, 3, 3))
+    weights = rng.dirichlet((0.4, 0.4, 0.4), 200_000)
+    points = np.concatenate([weights @ triangle for triangle in triangles])
+    near = points[np.linalg.norm(points[:, :2] - 0.1, axis=1) <= 0.3]
+    top = highest_in_disc(triangles, 0.1, 0.1, 0.3)
+    assert near[:, 2].max() <= top + 1e-12 and near[:, 2].max() == pytest.approx(top, abs=0.02)
 
 
 @pytest.fixture(scope="module", params=["gantry", pytest.param("panda", marks=pytest.mark.slow)])

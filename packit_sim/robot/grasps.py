@@ -14,7 +14,7 @@ from packit_sim.geometry.items import PosedItem, triangles
 from packit_sim.geometry.rotations import MATRICES
 from packit_sim.geometry.shapes import Item
 from packit_sim.robot.cell import GRAVITY, TILTED_TOOL, TUBE, RobotCell
-from packit_sim.robot.height_kernels import flat_discs, top_heights
+from packit_sim.robot.height_kernels import flat_discs, highest_in_disc, top_heights
 from packit_sim.robot.presentation import turn_at_pick
 
 GRASPS_BUDGET = 50_000
@@ -29,6 +29,9 @@ _ABOVE_TABLE = 0.003
 
 _TILTS = 5
 """Tilts at which the weight's moment is bounded."""
+
+_CANDIDATES = 50
+"""Flat places that are looked at, the nearest first, for one without a tip between samples."""
 
 _POINTS = 4
 """Points of the surface that are sampled along the radius of a cup."""
@@ -72,8 +75,9 @@ def best_grasp(item: Item, cell: RobotCell) -> Grasp | None:
     where the item itself can come straight from above: what the cup meets on its way, the part of
     the item below it would meet too. A place is valid if every sample of the surface seen from
     above in the disc below the cup is within the compliance of a plane, if that plane is not
-    tilted more than the gripper allows, and if the weight's moment about the cup is less than the
-    vacuum's about its rim, with the same safety as the payload.
+    tilted more than the gripper allows, if no tip between samples is higher than that, and if the
+    weight's moment about the cup is less than the vacuum's about its rim, with the same safety as
+    the payload. The cup's face is at the exact height of the highest point below it.
 
     At level 2 the same place holds the item where it is presented, in another rotation: the tool is
     tilted by at most `MAX_TILT` there, the cup is above the table, and no part of the item is so
@@ -143,14 +147,14 @@ def _grasp(
             near = near[is_held[near]]
         near = near[away[near] <= arm]
         slope = math.tan(math.radians(gripper.tilt))
-        found = flat_discs(
-            heights, points[near], own, spacing, gripper.compliance / cell.edge, slope, 1
-        )
-        if len(found):
-            x, y = points[near[found[0]]].tolist()
-            top = _highest(heights, x, y, own, spacing)
-            at = (low + np.array((x, y)) * spacing).tolist()
-            return Grasp((at[0], at[1], top), radius)
+        soft = gripper.compliance / cell.edge
+        found = flat_discs(heights, points[near], own, spacing, soft, slope, _CANDIDATES)
+        for n in near[found].tolist():
+            i, j = points[n].tolist()
+            x, y = (low + points[n] * spacing).tolist()
+            top = highest_in_disc(surface, x, y, own)
+            if top - _highest_sample(heights, i, j, own, spacing) <= soft:
+                return Grasp((x, y, top), radius)
     return None
 
 
@@ -185,8 +189,8 @@ def center_of_mass(item: Item) -> Floats:
     return np.asarray(mesh.center_mass if item.shape.is_solid else mesh.centroid)
 
 
-def _highest(heights: Floats, x: int, y: int, radius: float, spacing: float) -> float:
-    """Return the largest height in a disc, where the cup's rim first touches."""
+def _highest_sample(heights: Floats, x: int, y: int, radius: float, spacing: float) -> float:
+    """Return the largest height of the samples in a disc, and of those next to it."""
     reach = int(np.floor(radius / spacing + 1e-9)) + 1
     i, j = np.ogrid[-reach : reach + 1, -reach : reach + 1]
     inside = (i**2 + j**2) * spacing**2 <= (radius + spacing) ** 2

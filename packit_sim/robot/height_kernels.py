@@ -1,4 +1,7 @@
-"""Kernels that look at a surface from above: its highest points, and how flat it is in a disc."""
+"""Kernels that look at a surface from above: its highest points, and how flat it is in a disc.
+
+Samples decide whether a disc is flat; its highest point is exact.
+"""
 
 from __future__ import annotations
 
@@ -112,3 +115,58 @@ def flat_discs(heights, order, radius, spacing, compliance, slope, most):
             found[count] = n
             count += 1
     return found[:count]
+
+
+@kernel
+def highest_in_disc(triangles, x, y, radius):
+    """Return the exact height of the highest point of triangles in a disc; -inf if there is none.
+
+    It is a corner in the disc, a point where an edge crosses the circle, or the point of the circle
+    in the direction in which a triangle rises.
+
+    Parameters
+    ----------
+    triangles : ndarray
+        (n, 3, 3) float64.
+    x, y : float
+        The middle of the disc.
+    radius : float
+        Its radius.
+    """
+    found, square = -np.inf, radius * radius
+    for n in range(len(triangles)):
+        top = max(triangles[n, 0, 2], max(triangles[n, 1, 2], triangles[n, 2, 2]))
+        if top <= found:
+            continue
+        a, b, c = triangles[n, 0], triangles[n, 1], triangles[n, 2]
+        low = min(a[0], min(b[0], c[0])) - x, min(a[1], min(b[1], c[1])) - y
+        high = max(a[0], max(b[0], c[0])) - x, max(a[1], max(b[1], c[1])) - y
+        if low[0] > radius or low[1] > radius or high[0] < -radius or high[1] < -radius:
+            continue
+        for i in range(3):
+            start, end = triangles[n, i], triangles[n, (i + 1) % 3]
+            px, py = start[0] - x, start[1] - y
+            if px * px + py * py <= square:
+                found = max(found, start[2])
+            ux, uy = end[0] - start[0], end[1] - start[1]
+            length, along = ux * ux + uy * uy, ux * px + uy * py
+            root = along * along - length * (px * px + py * py - square)
+            if length == 0.0 or root < 0.0:
+                continue
+            for sign in (-1.0, 1.0):
+                share = (-along + sign * np.sqrt(root)) / length
+                if 0.0 <= share <= 1.0:
+                    found = max(found, start[2] + share * (end[2] - start[2]))
+        ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]
+        area = ux * vy - uy * vx
+        if abs(area) < 1e-14:
+            continue
+        up, vp = b[2] - a[2], c[2] - a[2]
+        dx, dy = (up * vy - vp * uy) / area, (vp * ux - up * vx) / area
+        slope = np.sqrt(dx * dx + dy * dy)
+        if slope > 0.0:
+            qx, qy = x + radius * dx / slope - a[0], y + radius * dy / slope - a[1]
+            s, t = (qx * vy - qy * vx) / area, (ux * qy - uy * qx) / area
+            if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
+                found = max(found, a[2] + dx * qx + dy * qy)
+    return found
