@@ -44,6 +44,9 @@ from packit_sim.game.datasets.packs import Task
 from packit_sim.game.evaluation.evaluation import Score
 from packit_sim.game.evaluation.results import ResultsError, read_results
 from packit_sim.game.evaluation.results_store import check_evaluation
+from packit_sim.physics.convex.settings import DecompositionSettings
+from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.measures import MEASURES
 from packit_sim.rules import PACKIT, Rules
 
 BOARDS = RESULTS / "leaderboard"
@@ -86,6 +89,9 @@ HEAD = (
     "results",
 )
 
+EXECUTED = ("loss", "collapses", "not held or no path", "largest penetration")
+"""More columns of boards on which an arm packs."""
+
 _SUFFIX = ".gz"
 
 
@@ -100,11 +106,14 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
         The dataset of the tasks: the name of a built-in one, or a path.
     split : Split, optional
         The split of the dataset.
+    first : int, optional
+        If only the first tasks of the split count: their number.
     sequences : int, optional
         If the tasks are sequences for the online game: their number. They are drawn from the
         library of the dataset's name, by the defaults of `packit datasets sequences`.
     rules : Rules
-        The rules, of those that `packit evaluate` has options for.
+        The rules, of those that `packit evaluate` has options for; with a robot cell, `packit
+        execute`.
     packages : Mapping of str to str
         Where to get agents, by their names, if not from the base install of `packit-sim`: what
         `pip install` needs, with the version or commit, and the address of weights.
@@ -113,6 +122,7 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
     title: str
     dataset: str
     split: Split | None = None
+    first: int | None = None
     sequences: int | None = None
     rules: Rules = PACKIT
     packages: Mapping[str, str] = {}
@@ -144,7 +154,7 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
     def tasks(self) -> tuple[Task, ...]:
         """The tasks, in the order of their numbers."""
         if self.sequences is None:
-            return load_tasks(self.dataset, split=self.split)
+            return load_tasks(self.dataset, split=self.split)[: self.first]
         sampler = SequenceSampler(self.library, SEQUENCE_CELLS, SEQUENCE_STEP_CM)
         return tuple(sampler.pack(seed).task(self.library) for seed in range(self.sequences))
 
@@ -182,11 +192,19 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
         ArgumentError
             If it has no options for these rules.
         """
-        rules = self.rules
-        if rules.changed(cells=None, physics=None, robot=None) != rules:
-            raise ArgumentError(f"`packit evaluate` has no options for the rules {rules}")
-        words = ["packit", "evaluate", self.dataset]
+        rules, cell = self.rules, self.rules.robot
+        words = ["packit", "evaluate" if cell is None else "execute", self.dataset]
         words += ["--split", self.split] if self.split else []
+        words += ["--tasks", str(self.first)] if self.first else []
+        if cell is not None:
+            method = cell.decomposition.method
+            plain = RobotCell(
+                cell.arm, level=cell.level, decomposition=DecompositionSettings(method=method)
+            )
+            rules = rules.changed(robot=None if cell == plain else cell)
+            words += ["--arm", cell.arm, "--level", str(cell.level), "--decomposition", method]
+        if rules.changed(cells=None, physics=None, robot=None) != rules:
+            raise ArgumentError(f"`packit {words[1]}` has no options for the rules {self.rules}")
         words += ["--easy"] if rules.easy else []
         words += ["--kinematic"] if rules.kinematic else []
         words += ["--buffer", str(rules.buffer)] if rules.buffer else []
@@ -227,20 +245,22 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
         if not all(each.seconds > 0 for each in rollouts):
             raise ResultsError(f"{path} does not record how long each task took")
 
-    def problems(self, path: Path) -> list[str]:
+    def problems(self, path: Path, executions: bool = True) -> list[str]:
         """Check results with the oracle, as `packit verify` does.
 
         Parameters
         ----------
         path : Path
-            Their file, with its manifest.
+            Their file, with its manifest, and the folder of an arm's trajectories.
+        executions : bool, default: True
+            Whether the trajectories are checked too: they are not kept.
 
         Returns
         -------
         list of str
             A sentence for each problem.
         """
-        report = verify_dataset(path, self.library)
+        report = verify_dataset(path, self.library, executions=executions)
         not_judged = [report.not_judged] if report.unjudged_returns else []
         return [*map(str, report.problems), *not_judged]
 
@@ -261,6 +281,8 @@ class Row:
         The digest of its weights, for an agent that learned.
     package : str
         Where to get it.
+    scores : Mapping of str to sequence of float
+        The measures of an arm's executions, by name, of each task; empty without an arm.
     """
 
     file: Path
@@ -268,6 +290,7 @@ class Row:
     seconds: float
     weights: str | None
     package: str
+    scores: Mapping[str, Sequence[float]]
 
     @property
     def limit(self) -> float:
@@ -292,6 +315,20 @@ class Row:
             f"`{self.weights}`" if self.weights else "",
             f"`{self.package}`",
             f"[file]({link})",
+            *self.measured,
+        ]
+
+    @property
+    def measured(self) -> list[str]:
+        """The columns of `EXECUTED`, if an arm packed."""
+        if not self.scores:
+            return []
+        planned, total = np.mean(self.scores["planned"]), self.score.reward.mean
+        return [
+            f"{planned - total:.4f}",
+            f"{np.mean(self.scores['collapses']):.2f}",
+            f"{np.mean(self.scores['failed grasps']) + np.mean(self.scores['no path']):.2f}",
+            f"{1000 * max(self.scores['penetration']):.1f} mm",
         ]
 
 
@@ -377,7 +414,10 @@ def rows(folder: Path, board: Board) -> list[Row]:
         agent, weights = rollouts[0].agent, rollouts[0].weights
         seconds = float(np.mean([each.seconds for each in rollouts]))
         package = board.packages.get(agent, PACKAGE)
-        found.append(Row(file, Score.of(agent, rollouts), seconds, weights, package))
+        scores: dict[str, list[float]] = {}
+        if board.rules.robot:
+            scores = {name: [one.played.scores[name] for one in rollouts] for name in MEASURES}
+        found.append(Row(file, Score.of(agent, rollouts), seconds, weights, package, scores))
     return sorted(found, key=lambda row: (row.limit, -row.score.reward.mean, row.score.agent))
 
 
@@ -405,17 +445,21 @@ def pages(folder: Path = BOARDS, page: Path = PAGE) -> dict[Path, str]:
     for own, board in read_boards(folder).items():
         path = board_page(page.parent / "boards", own)
         split = f", split `{board.split}`" if board.split else ""
+        only = "the first of " if board.first else ""
         drawn = "sequences drawn with the seeds from 0, " if board.sequences else ""
         commands = [board.preparation, board.command(EXAMPLE)]
         lines = "".join(f"$ {line}\n" for line in commands if line)
         found[path] = (
             f"# {board.title}\n\n"
-            f"- **Tasks:** {len(board.tasks)}, {drawn}`{board.dataset}`{split} "
+            f"- **Tasks:** {len(board.tasks)}, {only}{drawn}`{board.dataset}`{split} "
             f"([datasets](../../reference/datasets.md))\n"
             f"- **Rules:** {board.rules} ([rules of the game](../../concepts/rules.md))\n"
             "- **Columns, limits, and how to submit:** [the leaderboard](../leaderboard.md)\n\n"
             f"With the name of your agent:\n\n```console\n{lines}```\n\n"
-            + markdown_table(HEAD, [row.cells(path) for row in rows(own, board)])
+            + markdown_table(
+                HEAD + (EXECUTED if board.rules.robot else ()),
+                [row.cells(path) for row in rows(own, board)],
+            )
         )
     return found
 
@@ -470,7 +514,7 @@ def verify(kept: Sequence[Path] | None = None, folder: Path = BOARDS) -> list[st
         board = boards[known[file.resolve()]]
         with unpacked(file) as path:
             board.check(file, read_results(path))
-            found += [f"{file}: {problem}" for problem in board.problems(path)]
+            found += [f"{file}: {problem}" for problem in board.problems(path, executions=False)]
     return found
 
 

@@ -1,9 +1,10 @@
 """Draw four moments of a recorded execution: presented, held, on the way down, and packed.
 
     .venv/bin/python -m benchmarks.robot_pictures build/robot/everyday-v1-closed-loop.jsonl
+    .venv/bin/python -m benchmarks.robot_pictures RESULTS --film --name film-robot.gif
 
 Draws one attempt of the first result of a file, by PyBullet's software renderer, side by side into
-a picture of the page about the robot.
+a picture of the page about the robot; or films the whole of it.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from packit_sim import ShapeLibrary
 from packit_sim.game.evaluation.results import read_results, stored_trajectory
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL
+from packit_sim.render import films, robot_films, video
 from packit_sim.render.coloring import color_of
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.panda import PEDESTAL
@@ -32,6 +34,12 @@ PICTURES = Path(__file__).parents[1] / "docs" / "images"
 
 SIDE = 440
 """Pixels of a moment's picture."""
+
+FILM_SIDE = 360
+"""Pixels of a film."""
+
+FPS = 8
+"""Frames per second of a film."""
 
 EDGE = 0.006
 """Thickness of the box's edges, m."""
@@ -48,10 +56,16 @@ def main() -> None:
     parser.add_argument("results", type=Path)
     parser.add_argument("--attempt", type=int, default=10)
     parser.add_argument("--name", default="robot.png")
+    parser.add_argument("--film", action="store_true", help="all attempts, twelve times as fast")
     options = parser.parse_args()
     rollout = read_results(options.results)[0]
     library = ShapeLibrary.open(rollout.pack.library.name)
     trajectory = stored_trajectory(options.results, rollout, library)
+    path = PICTURES / options.name
+    if options.film:
+        box, frames = robot_films.executing(trajectory, fps=FPS, speed=12.0)
+        video.write(path, films.shot(box, frames, FILM_SIDE, FILM_SIDE), FPS)
+        return
     own = trajectory.attempts[options.attempt].recording
     begin, end = own.held
     arm = arm_of(trajectory.cell, trajectory.cells)
@@ -59,7 +73,6 @@ def main() -> None:
     highest = begin + int(np.argmax(heights))
     steps = (begin, highest, (highest + 2 * end) // 3, len(own.joints) - 1)
     pictures = [drawn(trajectory, options.attempt, step) for step in steps]
-    path = PICTURES / options.name
     Image.fromarray(np.concatenate(pictures, axis=1)).save(path, optimize=True)
     print(f"wrote {path}: steps {steps} of item {options.attempt}")
 

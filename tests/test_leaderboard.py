@@ -93,8 +93,7 @@ def test_rows_of_the_paper_are_those_that_were_reproduced(board, table) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("file", KEPT, ids=lambda file: f"{file.parent.name}/{file.name}")
 def test_the_oracle_accepts_a_kept_file(file) -> None:
-    with leaderboard.unpacked(file) as path:
-        assert Board.read(file.parent).problems(path) == []
+    assert leaderboard.verify([file]) == []
 
 
 @pytest.mark.slow
@@ -115,6 +114,23 @@ def test_results_that_hold_are_kept_as_they_are_and_get_a_row(boards) -> None:
     link = "[file](../starter/x-y-z.jsonl.gz)"
     assert cells[0] == ["1 s", "`x/y/z`", "0.50", reward, *success, "", "`packit-sim`", link]
     assert cells[2][7] == "`0123456789abcdef`"
+
+
+def test_a_board_of_an_arm_has_its_command_and_measures() -> None:
+    board = Board.read(BOARDS / "robot")
+    assert board.command("stable-champion") == (
+        "packit execute everyday-v1 --split test --tasks 50 --arm gantry --level 1 "
+        "--decomposition bisection --agent stable-champion --out results.jsonl"
+    )
+    row = leaderboard.rows(BOARDS / "robot", board)[0]
+    loss, collapses, failed, deepest = row.measured
+    assert 0 <= float(loss) < 0.05 and float(collapses) >= 0 and deepest.endswith(" mm")
+    assert float(failed) == 0
+    assert row.cells(PAGE)[-4:] == row.measured
+    assert board.rules.robot is not None
+    slippery = Rules(robot=replace(board.rules.robot, friction=0.1))
+    with pytest.raises(ArgumentError, match="`packit execute` has no options for the rules"):
+        structs.replace(board, rules=slippery).command("stable-champion")
 
 
 def test_a_new_run_replaces_the_one_before(boards) -> None:

@@ -68,13 +68,20 @@ def execute_command(
         int,
         typer.Option(
             help="1: items are presented in the rotation of their placement; 2: in a random stable "
-            "pose, and the gantry turns them."
+            "pose, and gantry or panda turn them."
         ),
     ] = 1,
     edge: Annotated[
         float | None,
         typer.Option(help="Metres in a box unit; 0.3 by default. A packing has its real size."),
     ] = None,
+    moves: Annotated[
+        int,
+        typer.Option(
+            help="Straight moves that insert an item at most: with 1 it comes straight down. For "
+            "packings, --stored, and agents with --all-masks."
+        ),
+    ] = 1,
     open_loop: Annotated[
         bool, typer.Option("--open-loop", help="Plan without seeing where items really are.")
     ] = False,
@@ -136,6 +143,7 @@ def execute_command(
         arm=arm,
         edge=0.30 if edge is None else edge,
         level=level,
+        moves=moves,
         open_loop=open_loop,
         reachable=reachable is not False,
         seed=seed,
@@ -144,6 +152,11 @@ def execute_command(
     if film is not None:
         video.require(film)
     is_packing = dataset.endswith(".json")
+    if moves > 1 and not (is_packing or stored or reachable is False):
+        raise ArgumentError(
+            f"--moves {moves} has no effect on masks of what is reached straight from above: add "
+            "--all-masks"
+        )
     if is_packing or stored:
         what = "a packing" if is_packing else "not planned again"
         unused: dict[str, object] = {"--agent": agent, "--reachable": reachable, "--out": out}

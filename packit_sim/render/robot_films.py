@@ -28,6 +28,9 @@ LOOK = Look(Camera(azimuth=-40.0, elevation=28.0))
 MARGIN = 1.0
 """Box units above the box that the picture shows."""
 
+_SECOND = 240
+"""Steps of a trajectory between two that choose what the picture shows."""
+
 _ARM = "arm"
 """Category of the shapes of an arm's bodies."""
 
@@ -85,6 +88,10 @@ def _frames(
     station = cell.station(trajectory.cells) / cell.edge
     around = station + np.array([(x, y, 0) for x in (-0.5, 0.5) for y in (-0.5, 0.5)])
     points = np.concatenate((around, [(*size[:2] / 2, size[2] + MARGIN)]))
+    if arm.base.translation.any():  # it stands next to the box: its joints are in the picture
+        first = trajectory.attempts[0].recording.joints[::_SECOND]
+        joints = [pose.translation for one in first for pose in arm.poses(one)]
+        points = np.concatenate((around, np.array(joints) / cell.edge))
     poses: list[Motion | None] = [None] * len(trajectory.attempts)
     for number, attempt in enumerate(trajectory.attempts):
         own = attempt.recording

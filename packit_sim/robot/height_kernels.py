@@ -122,7 +122,7 @@ def highest_in_disc(triangles, x, y, radius):
     """Return the exact height of the highest point of triangles in a disc; -inf if there is none.
 
     It is a corner in the disc, a point where an edge crosses the circle, or the point of the circle
-    in the direction in which a triangle rises.
+    in the direction in which a triangle rises; the middle if it is level.
 
     Parameters
     ----------
@@ -164,9 +164,9 @@ def highest_in_disc(triangles, x, y, radius):
         up, vp = b[2] - a[2], c[2] - a[2]
         dx, dy = (up * vy - vp * uy) / area, (vp * ux - up * vx) / area
         slope = np.sqrt(dx * dx + dy * dy)
-        if slope > 0.0:
-            qx, qy = x + radius * dx / slope - a[0], y + radius * dy / slope - a[1]
-            s, t = (qx * vy - qy * vx) / area, (ux * qy - uy * qx) / area
-            if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
-                found = max(found, a[2] + dx * qx + dy * qy)
+        away = radius / slope if slope > 0.0 else 0.0
+        qx, qy = x + away * dx - a[0], y + away * dy - a[1]
+        s, t = (qx * vy - qy * vx) / area, (ux * qy - uy * qx) / area
+        if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
+            found = max(found, a[2] + dx * qx + dy * qy)
     return found

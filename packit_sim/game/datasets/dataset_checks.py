@@ -70,6 +70,8 @@ def verify_dataset(
     path: Path | str,
     library: ShapeLibrary,
     on_pack: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    executions: bool = True,
 ) -> Report:
     """Check a dataset, and continue after each problem, so that one run reports them all.
 
@@ -81,6 +83,8 @@ def verify_dataset(
         The whole library of its shapes.
     on_pack : callable
         Called after each pack with the number of checked packs and of all packs.
+    executions : bool, default: True
+        Whether results of an arm are compared with their recorded trajectories.
 
     Returns
     -------
@@ -133,7 +137,7 @@ def verify_dataset(
         for number, pack in part.packs:
             for sentence in check.pack_problems(pack, (name, recorded)):
                 check.add(part.file, number, sentence)
-            if isinstance(pack.provenance, Played) and not check.is_unknown(pack):
+            if executions and isinstance(pack.provenance, Played) and not check.is_unknown(pack):
                 for sentence in execution_problems(part.file, pack, pack.provenance, library):
                     check.add(part.file, number, sentence)
             for sentence in check.duplicate_problems(part.file, number, pack):
