@@ -2,9 +2,11 @@
 
     .venv/bin/python -m benchmarks.robot_pictures build/robot/everyday-v1-closed-loop.jsonl
     .venv/bin/python -m benchmarks.robot_pictures RESULTS --film --name film-robot.gif
+    .venv/bin/python -m benchmarks.robot_pictures RESULTS --labels --name robot-cell.png
 
 Draws one attempt of the first result of a file, by PyBullet's software renderer, side by side into
-a picture of the page about the robot; or films the whole of it.
+a picture of the page about the robot; or films the whole of it; or names the parts of the cell in
+one moment.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 import pybullet
 import trimesh
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from benchmarks.common import argument_parser
 from packit_sim import ShapeLibrary
@@ -57,6 +59,7 @@ def main() -> None:
     parser.add_argument("--attempt", type=int, default=10)
     parser.add_argument("--name", default="robot.png")
     parser.add_argument("--film", action="store_true", help="all attempts, twelve times as fast")
+    parser.add_argument("--labels", action="store_true", help="one moment, with names")
     options = parser.parse_args()
     rollout = read_results(options.results)[0]
     library = ShapeLibrary.open(rollout.pack.library.name)
@@ -71,10 +74,48 @@ def main() -> None:
     arm = arm_of(trajectory.cell, trajectory.cells)
     heights = [arm.poses(joints)[-1].translation[2] for joints in own.joints[begin:end]]
     highest = begin + int(np.argmax(heights))
+    if options.labels:
+        Image.fromarray(labelled(trajectory, options.attempt, highest)).save(path, optimize=True)
+        return
     steps = (begin, highest, (highest + 2 * end) // 3, len(own.joints) - 1)
     pictures = [drawn(trajectory, options.attempt, step) for step in steps]
     Image.fromarray(np.concatenate(pictures, axis=1)).save(path, optimize=True)
     print(f"wrote {path}: steps {steps} of item {options.attempt}")
+
+
+def labelled(trajectory: Trajectory, attempt: int, step: int) -> Any:
+    """Return the picture of a moment with the names of the parts of the cell."""
+    cell, cells = trajectory.cell, trajectory.cells
+    size, arm = cell.size(cells), arm_of(cell, cells)
+    *_, wrist, _, tube, tool = arm.poses(trajectory.attempts[attempt].recording.joints[step])
+    named = {
+        "box": size * (1, 1, 0.5),
+        "station": cell.station(cells),
+        "arm": wrist.translation,
+        "tube": (2 * tube.translation + wrist.translation) / 3,
+        "cup": tool.translation,
+    }
+    if arm.base.translation.any():
+        named["pedestal"] = arm.base.translation * (1, 1, 0.5)
+    matrices = [np.array(one).reshape(4, 4).T for one in _camera(trajectory)]
+    image = Image.fromarray(drawn(trajectory, attempt, step))
+    draw = ImageDraw.Draw(image)
+    for name, point in named.items():
+        x, y, _, w = matrices[1] @ matrices[0] @ np.append(point, 1.0)
+        at = SIDE * (0.5 + x / w / 2), SIDE * (0.5 - y / w / 2)
+        end = at[0] + 45, at[1] - 20
+        draw.line((at, end), fill=(20, 20, 20))
+        draw.text((end[0] + 3, end[1] - 8), name, fill=(20, 20, 20), font_size=15)
+    return np.asarray(image)
+
+
+def _camera(trajectory: Trajectory) -> tuple[Any, Any]:
+    """Return the view and the lens of PyBullet's camera."""
+    x, y, z = trajectory.cell.size(trajectory.cells)
+    default = ((x / 2 - 0.8, -0.6, 0.85), (x / 2, y, z * 0.75))
+    place, target = VIEWS.get(trajectory.cell.arm, default)
+    view = pybullet.computeViewMatrix(place, target, (0, 0, 1))
+    return view, pybullet.computeProjectionMatrixFOV(38, 1, 0.1, 5)
 
 
 def drawn(trajectory: Trajectory, attempt: int, step: int) -> Any:
@@ -106,16 +147,10 @@ def drawn(trajectory: Trajectory, attempt: int, step: int) -> Any:
                 _add(client, (a * x, y / 2, b * z), RIM, np.array((EDGE, y + EDGE, EDGE)))
                 _add(client, (a * x, b * y, z / 2), RIM, np.array((EDGE, EDGE, z)))
             _add(client, (x / 2, 0, -0.01), TABLE, np.array((3, 3, 0.02)))
-            view = pybullet.computeViewMatrix(
-                *(VIEWS.get(cell.arm) or ((x / 2 - 0.8, -0.6, 0.85), (x / 2, y, z * 0.75))),
-                (0, 0, 1),
-            )
-            lens = pybullet.computeProjectionMatrixFOV(38, 1, 0.1, 5)
             _, _, pixels, *_ = pybullet.getCameraImage(
                 2 * SIDE,
                 2 * SIDE,
-                view,
-                lens,
+                *_camera(trajectory),
                 lightDirection=(-0.6, -1, 2),
                 shadow=1,
                 renderer=pybullet.ER_TINY_RENDERER,
