@@ -113,6 +113,8 @@ def test_the_angle_is_in_degrees() -> None:
     slope = transformations.rotation_matrix(math.radians(15), (0, 1, 0))
     assert math.isclose(Motion.from_matrix(slope).angle, 15)
     assert IDENTITY.angle == 0
+    tiny = Motion.from_wxyz((1.0, 1e-9, 0.0, 0.0), np.zeros(3))
+    assert math.isclose(math.radians(tiny.angle), 2e-9)
 
 
 def test_interpolation_is_straight_and_turns_evenly() -> None:

@@ -152,8 +152,9 @@ class Motion:
     @property
     def angle(self) -> float:
         """The angle of the rotation, in degrees."""
-        cosine = (np.trace(self.rotation) - 1) / 2
-        return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+        turn = self.rotation
+        twice_sine = np.linalg.norm((turn - turn.T)[(0, 0, 1), (1, 2, 2)])
+        return math.degrees(math.atan2(float(twice_sine), float(np.trace(turn)) - 1))
 
     def scaled(self, scale: float) -> Floats:
         """Return the matrix (4, 4) of a uniform scaling followed by the motion."""
