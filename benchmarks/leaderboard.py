@@ -22,7 +22,7 @@ import shlex
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -290,7 +290,7 @@ class Row:
     seconds: float
     weights: str | None
     package: str
-    scores: Mapping[str, Sequence[float]]
+    scores: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     @property
     def limit(self) -> float:
