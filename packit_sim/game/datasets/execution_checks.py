@@ -15,9 +15,8 @@ from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 
-MEASURE_SLACK = 1e-7
-"""Largest difference between a recorded measure and the computed one, relative above 1: earlier
-versions recorded angles near 0 with half of the digits."""
+MEASURE_SLACK = 1e-9
+"""Largest difference between a recorded measure and the computed one, relative above 1."""
 
 POSE_SLACK = 1e-4
 """Largest difference of matrices of a recorded pose and the end of the trajectory: poses are
