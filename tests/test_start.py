@@ -136,3 +136,22 @@ def test_intervals_are_in_brackets() -> None:
     with console.capture() as shown:
         console.print(evaluations.interval(Estimate(0.5, 0.25, 0.75), ".3f", ".2f"))
     assert shown.get().split("\n")[:2] == ["0.500", "[0.25 0.75]"]
+
+
+FROZEN = """
+import gc
+from packit_sim.core.whole_imports import let_imports_end
+let_imports_end()
+import json
+before = gc.get_freeze_count()
+import trimesh
+print(before, gc.get_freeze_count() > 10_000, gc.isenabled())
+gc.disable()
+import numba
+print(gc.isenabled())
+"""
+
+
+def test_what_many_modules_created_is_excluded_from_garbage_collections() -> None:
+    run = subprocess.run([sys.executable, "-c", FROZEN], capture_output=True, check=True, text=True)
+    assert run.stdout == "0 True True\nFalse\n"
