@@ -30,13 +30,13 @@ try() { # a command line, its last lines of output, and its time
 try "pip install --quiet --disable-pip-version-check '$wheel${extras:+[$extras]}'"
 echo "# $(du -sm "$work/venv" | cut -f1) MB"
 try "packit --version"
+try "packit export starter --out parts.3mf --unit-mm 300"
+try "packit pack parts.3mf --box 300x300x300mm --time 20s --out packed"
+try "packit verify packed/packing.json"
 try "packit demo" 3
 try "packit evaluate starter --tasks 5 --agent largest-first/aligned/blbf --out results.jsonl" 4
 try "packit verify results.jsonl"
 try "packit render demo --out again.png"
-try "packit export starter --out parts.3mf --unit-mm 300"
-try "packit pack parts.3mf --box 300x300x300mm --time 20 --out packed"
-try "packit verify packed/packing.json"
 case ,$extras, in *,report,*) try "packit report results.jsonl --out report.html" ;; esac
 case ,$extras, in *,learn,*)
     try "packit train --out training --set steps=512"
