@@ -1,10 +1,11 @@
-"""Tabulate for which systems and Pythons the base dependencies have wheels.
+"""Tabulate for which systems and Pythons the dependencies have wheels.
 
     .venv/bin/python scripts/wheels.py
 
-It asks pip, which asks the package index that it is configured for, and writes the table of
-`docs/start/install.md` with today's date. A cell counts the dependencies that have a wheel, of
-those that are installed there, and names the others.
+It asks pip, which asks the package index that it is configured for, and writes the tables of
+`docs/start/install.md` with today's date. A cell counts the base dependencies that have a wheel, of
+those that are installed there, and names the others. For packages of extras that hold machine code,
+it lists the Pythons for which there is a wheel.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from packaging.requirements import Requirement
 
@@ -25,6 +27,11 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "start" / "install.md"
 
 BLOCK = "wheels"
+
+EXTRAS_BLOCK = "wheels of extras"
+
+EXTRAS = ("physics", "cluster", "cad", "containers", "sheets", "exact")
+"""Those whose packages hold machine code and lack wheels somewhere, or might."""
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 
@@ -42,13 +49,17 @@ def dependencies(system: str, python: str) -> list[str]:
     """Return the requirements of the base installation on a system, without their markers."""
     platform, machine, _ = SYSTEMS[system]
     there = {"sys_platform": platform, "platform_machine": machine, "python_version": python}
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    found = map(Requirement, project["dependencies"])
+    found = map(Requirement, _project()["dependencies"])
     return [
         f"{each.name}{each.specifier}"
         for each in found
         if each.marker is None or each.marker.evaluate(there)
     ]
+
+
+def _project() -> dict[str, Any]:
+    project: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    return dict(project["project"])
 
 
 def has_wheels(names: Sequence[str], system: str, python: str) -> bool:
@@ -70,13 +81,27 @@ def cell(system: str, python: str) -> str:
     return f"{len(names) - len(lacking)} of {len(names)}; not {without}"
 
 
+def pythons(requirement: str, system: str) -> str:
+    """Return the Pythons for which a requirement has a wheel."""
+    found = [python for python in PYTHONS if has_wheels([requirement], system, python)]
+    return "all" if len(found) == len(PYTHONS) else ", ".join(found) or "none"
+
+
 def main() -> None:
-    """Write the table into the page."""
+    """Write the tables into the page."""
     rows = [[system, *(cell(system, python) for python in PYTHONS)] for system in SYSTEMS]
     table = markdown_table(["system", *PYTHONS], rows)
     today = datetime.datetime.now(tz=datetime.UTC).date()
     write_into_page(PAGE, f"{table}\nBy `python scripts/wheels.py`, {today}.\n", BLOCK)
-    print(table)
+    extras = _project()["optional-dependencies"]
+    packages = [(extra, name) for extra in EXTRAS for name in extras[extra]]
+    rows = [
+        [f"`[{extra}]`", Requirement(name).name, *(pythons(name, system) for system in SYSTEMS)]
+        for extra, name in packages
+    ]
+    table_of_extras = markdown_table(["extra", "package", *SYSTEMS], rows)
+    write_into_page(PAGE, f"{table_of_extras}\n", EXTRAS_BLOCK)
+    print(table, table_of_extras, sep="\n")
 
 
 if __name__ == "__main__":

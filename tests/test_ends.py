@@ -30,6 +30,17 @@ runpy.run_module("packit_sim", run_name="__main__", alter_sys=True)
 """
 """Runs `packit` and gets a signal at an import, counted from the first line of `main`."""
 
+AT_FIRST_IMPORT = """
+import os, signal, sys
+def hook(event, arguments):
+    if event == "import" and arguments[0] == "packit_sim":
+        os.kill(os.getpid(), signal.SIGINT)
+from packit_command import main
+sys.addaudithook(hook)
+main()
+"""
+"""Runs `packit` as its script does, and gets Ctrl-C when it imports the first of its packages."""
+
 TEMPORARY = """
 import os, tempfile
 from packit_sim.core.temporary_folders import TemporaryFolder
@@ -52,6 +63,10 @@ def ended(command: list[str], **options: object) -> tuple[int, str, str]:
 def test_a_signal_during_the_start_ends_it_with_one_line(number, at) -> None:
     found = ended(["-c", AT_IMPORT, str(int(number)), str(at), "--version"])
     assert found == (STATUS[number], "stopped\n", "")
+
+
+def test_ctrl_c_before_any_import_ends_the_command_without_a_traceback() -> None:
+    assert ended(["-c", AT_FIRST_IMPORT]) == (-signal.SIGINT, "", "")
 
 
 @pytest.mark.parametrize(("number", "at"), [(signal.SIGINT, 600), (signal.SIGTERM, 900)])

@@ -138,6 +138,11 @@ def test_intervals_are_in_brackets() -> None:
     assert shown.get().split("\n")[:2] == ["0.500", "[0.25 0.75]"]
 
 
+def test_long_examples_can_be_copied() -> None:
+    shown = packit("evaluate", "--help").stdout.replace(" \\\n      ", " ")
+    assert "--split test --agent largest-first/aligned/blbf\n" in shown
+
+
 FROZEN = """
 import gc
 from packit_sim.core.whole_imports import let_imports_end

@@ -70,7 +70,8 @@ def test_the_wheel_claims_only_its_own_names_and_has_everything(wheel) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     version = wheel.name.split("-")[1]
-    top = {"packit_sim", "packit_agents", f"packit_sim-{version}.dist-info"}
+    own = {"packit_command.py", "packit_sim", "packit_agents"}
+    top = own | {f"packit_sim-{version}.dist-info"}
     assert {name.partition("/")[0] for name in names} == top
     assets = below(names, "packit_sim/assets/")
     assert assets == checked_out("assets")

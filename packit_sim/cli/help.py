@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import inspect
 import re
+import textwrap
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 _EXAMPLE = "Example: "
+
+_CONTINUED = " \\"
+"""The end of a line that the next one continues, for shells."""
 
 _PLAIN: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
 """Help as plain text: the type stands beside its option, and nothing is cut or in a frame."""
@@ -41,6 +45,22 @@ class Group(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         texts = [(name, str(self.commands[name].help)) for name in self.list_commands(ctx)]
         write_summaries(formatter, "Commands", texts)
+
+
+class Command(TyperCommand):
+    """A command whose examples in `--help` can be copied: long ones go on after a backslash."""
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        for paragraph in (self.epilog or "").split("\n\n"):
+            lines = textwrap.wrap(
+                paragraph,
+                formatter.width - len(_CONTINUED),
+                initial_indent="  ",
+                subsequent_indent="      ",
+                break_on_hyphens=False,
+                break_long_words=False,
+            )
+            formatter.write("\n" + f"{_CONTINUED}\n".join(lines) + "\n")
 
 
 def write_summaries(formatter: Any, heading: str, texts: Iterable[tuple[str, str]]) -> None:
@@ -103,6 +123,7 @@ def documented(app: typer.Typer) -> typer.Typer:
         examples = [one.removeprefix(_EXAMPLE) for one in paragraphs if one.startswith(_EXAMPLE)]
         command.help = "\n\n".join(one for one in paragraphs if not one.startswith(_EXAMPLE))
         if examples:
+            command.cls = Command
             heading = "Examples:" if len(examples) > 1 else "Example:"
             command.epilog = "\n\n".join([heading, *(f"  $ {example}" for example in examples)])
     return app
