@@ -100,7 +100,7 @@ def main() -> None:
         for extra, name in packages
     ]
     table_of_extras = markdown_table(["extra", "package", *SYSTEMS], rows)
-    write_into_page(PAGE, f"{table_of_extras}\n", EXTRAS_BLOCK)
+    write_into_page(PAGE, table_of_extras, EXTRAS_BLOCK)
     print(table, table_of_extras, sep="\n")
 
 

@@ -68,7 +68,7 @@ def test_meshes_are_next_to_the_list(tmp_path: Path) -> None:
         ("box\nA:1x1x1mm\n", "box 'A:1x1x1mm' is not possible: its name and count are other"),
         ("box,max_mass\n1x1x1mm,1kg\n", "row 2: a box with limits needs a name"),
         ("box,name,max_mass\n1x1x1mm,A,20\n", "row 2: '20' is not a mass with a unit"),
-        ("box,name,balance\n1x1x1mm,A,B:9%\n", "row 2: its limits have no name"),
+        ("box,name,balance\n1x1x1mm,A,B:9%\n", "row 2: its limits are for the row's own box"),
         ("box,count\n1x1x1mm,2,3\n", "row 2: it has more cells than the first row"),
     ],
 )

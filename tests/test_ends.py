@@ -166,7 +166,14 @@ def within_c_code(cause: BaseException) -> SystemError:
     return error
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), within_c_code(KeyboardInterrupt())])
+@pytest.mark.parametrize(
+    "error",
+    [
+        KeyboardInterrupt(),
+        within_c_code(KeyboardInterrupt()),
+        within_c_code(within_c_code(KeyboardInterrupt())),
+    ],
+)
 def test_ctrl_c_outside_of_a_command_is_one_line(error, monkeypatch, capsys) -> None:
     from packit_sim.cli import app
 

@@ -82,7 +82,7 @@ def test_a_part_that_is_too_heavy_is_left_out_with_the_reason() -> None:
 
 def test_limits_of_boxes_that_there_are_not_are_an_error() -> None:
     settings = replace(QUICK, limits={"X": Limits(max_parts=1)})
-    with pytest.raises(ArgumentError, match="limits are for box 'X', which there is not"):
+    with pytest.raises(ArgumentError, match="there is no box 'X' for limits"):
         pack([cube("a")], (40, 40, 40), settings=settings)
 
 

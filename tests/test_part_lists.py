@@ -131,7 +131,7 @@ def test_binary_files_are_no_lists(folder: Path) -> None:
 
 def test_columns_of_no_use_and_guessed_encodings_are_noted(folder: Path) -> None:
     notes = read(folder, f"file,Comment\n{NAME},größer\n", "cp1252").notes
-    assert "list.csv: column 'Comment' is of no use here" in notes
+    assert "list.csv: column 'Comment' is not used" in notes
     assert any("read as cp1252" in note for note in notes)
 
 

@@ -186,12 +186,22 @@ def main() -> None:
         with as_interrupts() as arrived:
             code = _run()
     except (KeyboardInterrupt, typer.Abort, SystemError) as error:  # outside of a command
-        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
-            raise  # otherwise Ctrl-C came while C code, such as numba's, called Python
+        if isinstance(error, SystemError) and not _is_of_ctrl_c(error):
+            raise
         end_at_once()
         terminal.console.print("stopped")
         code = 130
     sys.exit(128 + arrived[-1] if arrived else code)
+
+
+def _is_of_ctrl_c(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C came while C code, such as numba's, called Python.
+
+    Each such call makes another error of it.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _run() -> Any:

@@ -133,7 +133,7 @@ def execute_command(
     The agent sees where the items really are before each choice. With --out the command can be
     stopped at any time: repeat it to resume. `packit verify` recomputes the measures from the
     recorded trajectories. The parts of a packing, such as the record of `packit pack`, are put in
-    straight from above, in the order of the file; with --stored the items of packs or results are.
+    straight from above, in the order of the file; --stored does so with items of packs or results.
 
     Example: packit execute everyday-v1 --split test --tasks 10 --out executed.jsonl
 

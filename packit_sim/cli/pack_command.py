@@ -62,7 +62,7 @@ def pack_command(
         str, typer.Option(help="Smallest distance between two parts, such as 1mm.")
     ] = "0",
     clearance_z: Annotated[
-        str | None, typer.Option(help="The same along z, if it is another one.")
+        str | None, typer.Option(help="The same along z, if it differs.")
     ] = None,
     wall_clearance: WallClearanceOption = "0",
     rotations: Annotated[
@@ -73,7 +73,7 @@ def pack_command(
     ] = "cube",
     max_tilt: Annotated[
         str | None,
-        typer.Option(help="Most that the up axis of a part's file leans, such as 15deg."),
+        typer.Option(help="Largest angle of a part's up axis to the vertical, such as 15deg."),
     ] = None,
     down: Annotated[
         str | None,
@@ -128,7 +128,7 @@ def pack_command(
     balance: Annotated[
         list[str] | None,
         typer.Option(
-            help="Farthest that a box's centre of gravity is off the middle, in shares of the "
+            help="Largest distance of a box's centre of gravity from the middle, as a share of the "
             "sides, such as 10%; A:10% for boxes A."
         ),
     ] = None,
@@ -146,7 +146,7 @@ def pack_command(
     powder: Annotated[
         str | None,
         typer.Option(
-            help="Loose powder's g/cm3 and refresh rate, such as 0.45:20%: how much a build takes."
+            help="Loose powder's g/cm3 and refresh rate, such as 0.45:20%: how much is used."
         ),
     ] = None,
     unit: FileUnitOption = "mm",
@@ -197,7 +197,7 @@ def pack_command(
         typer.Option(
             is_eager=True,
             callback=option_presets.use_preset,
-            help="File of --save-preset: its options count where they are not given here.",
+            help="File written by --save-preset; options given here override it.",
         ),
     ] = None,
     save_preset: Annotated[

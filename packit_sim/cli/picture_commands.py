@@ -141,7 +141,7 @@ def film_command(
     cut: CutOption = None,
     color: ColorOption = "item",
 ) -> None:
-    """Film how a pack is packed, item by item, or with the camera turntable a turn around it.
+    """Film how a pack is packed, item by item, or a turn around it (camera turntable).
 
     --cut and --explode need the camera turntable.
 

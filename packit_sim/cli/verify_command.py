@@ -35,8 +35,8 @@ def verify_command(
     """Check packs with the oracle; exit code 1 if one is wrong.
 
     Packings are checked too: mesh files with poses, written by `packit pack`, `packit nest
-    --packing` or another tool. The record of `packit pack` is also compared with what was asked
-    for, as far as it says so; a last line names what was not checked. Linked pairs are parts that
+    --packing` or another tool. The record of `packit pack` is also compared with the request
+    that it contains; the last line names what was not checked. Linked pairs are parts that
     can't be moved apart without turning, like two links of a chain. The fields of a packing are
     described at https://packit-sim.readthedocs.io (Reference, File formats).
 

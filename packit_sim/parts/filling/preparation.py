@@ -188,8 +188,7 @@ def _limited(
     if strange := [name for name in known if name and name not in names]:
         with about("max_parts" if known[strange[0]].max_mass is None else "max_mass"):
             raise ArgumentError(
-                f"limits are for box {strange[0]!r}, which there is not: choose from "
-                f"{', '.join(names)}"
+                f"there is no box {strange[0]!r} for limits: choose from {', '.join(names)}"
             )
     general = known.get("", Limits())
     found = []

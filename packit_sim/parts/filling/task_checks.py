@@ -71,7 +71,7 @@ def check_task(task: PackTask) -> None:
     if task.settings.even and task.is_constrained:
         with about("even"):
             raise ArgumentError(
-                "even is not possible with constraints, which parts that move break"
+                "even is not possible with constraints: parts that move may break them"
             )
     with about("powder"):
         _check_powder(task)

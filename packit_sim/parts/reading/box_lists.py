@@ -105,7 +105,7 @@ def _box(folder: Path, row: Mapping[str, str]) -> tuple[str, str, Limits]:
         text = str(folder / text)
     asked = [[row[key]] if key in row else [] for key in ("max_mass", "max_parts", "balance")]
     if any(":" in value for own in asked for value in own):
-        raise ArgumentError("its limits have no name: they are those of the row's box")
+        raise ArgumentError("its limits are for the row's own box: leave out the name")
     limits = read_limits(*asked).get("", Limits())
     name = row.get("name", "")
     if not name and not limits.is_empty:

@@ -200,7 +200,7 @@ def _heading(path: Path, table: Table, notes: list[str]) -> list[str | None]:
         if name and name in names:
             raise ArgumentError(f"{path}: two columns are the {name}, one of them {text!r}")
         if name is None:
-            notes.append(f"column {reprlib.repr(text)} is of no use here")
+            notes.append(f"column {reprlib.repr(text)} is not used")
         names.append(name)
     if "file" not in names:
         found = ", ".join(reprlib.repr(str(cell)) for cell in table.heading[:9])

@@ -308,7 +308,9 @@ def _check_together(job: PackingJob, read: ReadJob, boxes: Sequence[BoxType]) ->
         asked.check_container(box.container)
     if settings.even and (settings.order is not None or not asked.is_empty):
         with about("even"):
-            raise ArgumentError("even layers are not possible with rules, which moved parts break")
+            raise ArgumentError(
+                "even layers are not possible with rules: moved parts may break them"
+            )
     if settings.fixed and (len(boxes) > 1 or boxes[0].count != 1):
         with about("box"):
             raise ArgumentError("fixed parts are in one box: choose a single one")
