@@ -63,7 +63,7 @@ WRONG = [
         "pack good.off --box 9x9x9 --out x --balance 10",
         "'10' is not a share of a side, such as 10%",
     ),
-    ("pack good.off --box 9x9x9 --out x --balance B:9%", "limits are for box 'B', which there"),
+    ("pack good.off --box 9x9x9 --out x --balance B:9%", "there is no box 'B' for limits"),
     ("pack good.off --box 9x9x9 --out x --powder 20%", "'20%' is not a powder's density"),
     ("pack good.off --box 9x9x9 --out x --even --removable", "even is not possible with"),
     ("pack good.off --box absent.csv --out x", "absent.csv: No such file"),
