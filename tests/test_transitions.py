@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.files import digest_of
 from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.episodes.agents import Agent
@@ -124,6 +126,113 @@ def test_a_damaged_folder_is_named(tmp_path, folder, damage, message) -> None:
     damage(copy)
     with pytest.raises(TransitionsError, match=message):
         list(read_transitions(copy))
+
+
+def _put(**arrays: object) -> Callable[[Path], None]:
+    """Replace arrays of the first shard, and the digest in the manifest."""
+
+    def put(folder: Path) -> None:
+        file = folder / "000000.npz"
+        with np.load(file) as found:
+            kept = {name: found[name] for name in found if arrays.get(name, 0) is not None}
+        np.savez(file, **kept | {name: own for name, own in arrays.items() if own is not None})
+        _sign(folder)
+
+    return put
+
+
+def _sign(folder: Path) -> None:
+    shards = json.loads((folder / "manifest.json").read_text())["shards"]
+    shards[0]["sha256"] = digest_of(folder / "000000.npz")
+    _edit(shards=shards)(folder)
+
+
+def _shard(**changes: object) -> Callable[[Path], None]:
+    def edit(folder: Path) -> None:
+        shards = json.loads((folder / "manifest.json").read_text())["shards"]
+        _edit(shards=[shards[0] | changes, *shards[1:]])(folder)
+
+    return edit
+
+
+def _bomb(folder: Path) -> None:
+    """Write a shard of few bytes whose heights would take terabytes."""
+    text = "{'descr': '<i2', 'fortran_order': False, 'shape': (100000002, 100, 100), }"
+    head = text.ljust(117).encode() + b"\n"
+    with zipfile.ZipFile(folder / "000000.npz") as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    members["heights.npy"] = b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head
+    with zipfile.ZipFile(folder / "000000.npz", "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    _sign(folder)
+
+
+@pytest.mark.parametrize(
+    ("forgery", "message"),
+    [
+        (_shard(file="../outside.npz"), "its shards are not in order, each with its own name"),
+        (_shard(file="/etc/hostname"), "its shards are not in order, each with its own name"),
+        (_shard(number=7, file="000007.npz"), "its shards are not in order"),
+        (_shard(steps=-1), "steps' is -1: expected int >= 0"),
+        (_shard(steps=10**8), "000000.npz: no transitions: .*is int32 of shape"),
+        (_edit(cells=[101, 100, 100]), "manifest.json: a box of 101 x 100 x 100 cells"),
+        (_edit(episodes=0), "'episodes' is 0"),
+        (_put(mask=None), "no transitions: .*mask.npy"),
+        (_put(scale=np.array([print], dtype=object)), "no transitions: 'scale' is object"),
+        (_put(first=np.array([0, 99, 3], np.int32)), "first steps of its episodes are not in"),
+        (_put(first=np.array([0, 3, 10**6], np.int32)), "first steps of its episodes are not in"),
+        (_put(task=np.array([-1, 0], np.int32)), "'task' has a number that is not possible"),
+        (_bomb, "no transitions: 'heights' is int16 of shape"),
+    ],
+)
+def test_a_shard_of_others_is_read_exactly_or_refused(tmp_path, folder, forgery, message) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    forgery(copy)
+    with pytest.raises(TransitionsError, match=message):
+        list(read_transitions(copy))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("shape", 10**6), ("rotation", 24), ("location", 25), ("scale", 0), ("reward", np.nan)],
+)
+def test_numbers_of_a_step_that_are_not_possible_are_refused(tmp_path, folder, name, value) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    (shard, *_) = read_transitions(copy)
+    changed = getattr(shard, name).copy()
+    changed.flat[-1] = value
+    _put(**{name: changed})(copy)
+    with pytest.raises(TransitionsError, match=f"000000.npz: .*{name}"):
+        list(read_transitions(copy))
+
+
+def test_more_than_a_bound_of_memory_is_refused(tmp_path, tasks, folder, monkeypatch) -> None:
+    monkeypatch.setattr("packit_sim.game.evaluation.transition_files.MAX_BYTES", 10**6)
+    with pytest.raises(TransitionsError, match=r"would take .* bytes: at most"):
+        list(read_transitions(folder))
+    with pytest.raises(ArgumentError, match=r"episodes 2 .*1 to 0 of these tasks"):
+        record(tmp_path, tasks, 1)
+    assert not any(tmp_path.iterdir())
+
+
+def test_files_of_others_are_not_replaced(tmp_path, tasks, folder) -> None:
+    (tmp_path / "000001.npz").write_text("mine")
+    with pytest.raises(TransitionsError, match=r"000001.npz is there, and not of a recording"):
+        record(tmp_path, tasks, 2)
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["mine"]
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    (copy / "000000.npz").write_text("mine")
+    with pytest.raises(TransitionsError, match=r"000000.npz is not the file that the manifest"):
+        record(copy, tasks, 2)
+    assert (copy / "000000.npz").read_text() == "mine"
+
+
+def test_a_shard_that_is_missing_is_recorded_again(tmp_path, tasks, folder) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    (copy / "000000.npz").unlink()
+    assert record(copy, tasks, 2) == TransitionsManifest.read(folder)
+    assert len(list(read_transitions(copy))) == 2
 
 
 def test_the_command_records_transitions(tmp_path) -> None:

@@ -8,32 +8,42 @@ workers.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from msgspec import Struct, structs
+from msgspec import structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.checks import check_range
-from packit_sim.core.errors import ArgumentError, PackItError, located
-from packit_sim.core.files import claimed, digest_of, lock_path, read_whole, replace_text, replacing
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.files import claimed, digest_of, lock_path, replace_text, replacing
 from packit_sim.core.version import __version__
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.episodes.agents import Agent
 from packit_sim.game.episodes.episode import Episode, Stage
+from packit_sim.game.evaluation import transition_files
+from packit_sim.game.evaluation.transition_files import (
+    FORMAT,
+    MANIFEST,
+    VERSION,
+    Shard,
+    Transitions,
+    TransitionsError,
+    TransitionsManifest,
+    read_transitions,
+)
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.items import PlacedItem
-from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.lattice import grid_nodes
 from packit_sim.geometry.voxels import unpack
-from packit_sim.placement import Mask
 
 if TYPE_CHECKING:
     from packit_sim.core.parallel import Workers
@@ -46,153 +56,6 @@ __all__ = [
     "read_transitions",
     "record_transitions",
 ]
-
-FORMAT = "packit-transitions"
-
-VERSION = 1
-
-MANIFEST = "manifest.json"
-
-
-class TransitionsError(PackItError, ValueError):
-    """A folder that holds no transitions, other ones, or damaged ones."""
-
-
-@dataclass(frozen=True)
-class Transitions:
-    """The n steps of a shard, in the order in which they were played; a step places one item.
-
-    Attributes
-    ----------
-    task, agent : ndarray
-        int32 (episodes,), the number of each episode's task in the dataset, and of its agent.
-    first : ndarray
-        int32 (episodes + 1,), the number of each episode's first step, and n.
-    shapes : ndarray
-        The ids of all placed shapes.
-    shape : ndarray
-        int32 (n,), the index of the placed item's shape in `shapes`.
-    scale, reward : ndarray
-        float64 (n,), the item's scale, and the reward.
-    rotation : ndarray
-        uint8 (n,), 0 to 23.
-    location : ndarray
-        int16 (n, 3), the grid node.
-    mask : ndarray
-        uint8 (n, bytes), the feasible locations of the item in this rotation, see `feasible`.
-    occupancy : ndarray
-        uint64 (n + episodes, nx, ny, nz), the outer cells of the box in each state, as words.
-    heights : ndarray
-        int16 (n + episodes, cells x, cells y), the cells from the floor to the top of the highest
-        one that is filled. An episode of m steps has m + 1 states, one after the other.
-    """
-
-    task: npt.NDArray[np.int32]
-    agent: npt.NDArray[np.int32]
-    first: npt.NDArray[np.int32]
-    shapes: npt.NDArray[np.str_]
-    shape: npt.NDArray[np.int32]
-    scale: npt.NDArray[np.float64]
-    reward: npt.NDArray[np.float64]
-    rotation: npt.NDArray[np.uint8]
-    location: npt.NDArray[np.int16]
-    mask: npt.NDArray[np.uint8]
-    occupancy: Words
-    heights: npt.NDArray[np.int16]
-
-    def __len__(self) -> int:
-        return len(self.scale)
-
-    def episode(self, step: int) -> int:
-        """Return the number of a step's episode."""
-        return int(np.searchsorted(self.first, step, "right")) - 1
-
-    def state(self, step: int) -> int:
-        """Return the index of the state before a step; the one after it is the next."""
-        return step + self.episode(step)
-
-    def feasible(self, step: int) -> Mask:
-        """Return the exact mask of a step's item: bool over the grid nodes, [x, y, z]."""
-        nodes = self.occupancy.shape[1:]
-        return np.unpackbits(self.mask[step], count=math.prod(nodes)).astype(bool).reshape(nodes)
-
-    def filled(self, state: int) -> npt.NDArray[np.bool_]:
-        """Return the outer cells of the box in a state: bool over its cells."""
-        return unpack(self.occupancy[state])
-
-
-class Shard(Struct, frozen=True):
-    """The entry of a shard in the manifest.
-
-    Attributes
-    ----------
-    number : int
-        Its number, which seeds it.
-    sha256 : str
-        The SHA-256 of the file, in hex.
-    """
-
-    number: int
-    file: str
-    sha256: str
-    steps: int
-
-
-class TransitionsManifest(Struct, frozen=True):
-    """The record of the transitions in a folder.
-
-    Attributes
-    ----------
-    packit : str
-        The version of PackIt-Sim that began it.
-    tasks : str
-        The SHA-256 of the digests of the tasks, in hex.
-    shards : tuple of Shard
-        Those that are complete, by their numbers.
-    """
-
-    format: str
-    version: int
-    packit: str
-    cells: Triple
-    tasks: str
-    agents: tuple[str, ...]
-    seed: int
-    episodes: int
-    shards: tuple[Shard, ...] = ()
-
-    @property
-    def steps(self) -> int:
-        """The number of steps in all shards."""
-        return sum(shard.steps for shard in self.shards)
-
-    @classmethod
-    def read(cls, folder: Path) -> TransitionsManifest:
-        """Read the manifest of a folder.
-
-        Returns
-        -------
-        TransitionsManifest
-            The record.
-
-        Raises
-        ------
-        TransitionsError
-            If there is none, or it is damaged or of another version.
-        """
-        path = folder / MANIFEST
-        try:
-            data = read_whole(path)
-        except OSError as error:
-            raise TransitionsError(f"{folder} holds no transitions: {error.strerror}") from None
-        with located(str(path), TransitionsError):
-            found = typed_json.decode(data, cls, TransitionsError, "a manifest")
-        if (found.format, found.version) != (FORMAT, VERSION):
-            raise TransitionsError(
-                f"{path} is of format {found.format!r}, version {found.version}: "
-                f"this one reads {FORMAT!r}, version {VERSION}"
-            )
-        return found
 
 
 def record_transitions(
@@ -234,7 +97,8 @@ def record_transitions(
     ArgumentError
         If there is no task or agent, an agent has a search, or the boxes differ.
     TransitionsError
-        If the folder holds transitions of other tasks, agents or another seed.
+        If the folder holds transitions of other tasks, agents or another seed, or files of others
+        that would be replaced.
     BusyError
         If another process writes to the folder.
 
@@ -261,7 +125,10 @@ def record_transitions(
         if (folder / MANIFEST).exists():
             manifest = TransitionsManifest.read(folder)
             _check_same(folder, manifest, expected)
-        done = {shard.number for shard in manifest.shards}
+        else:
+            _check_free(folder, shards)
+            _write_manifest(folder, manifest)
+        done = {shard.number for shard in manifest.shards if _is_there(folder, shard)}
         jobs = [
             (folder, tuple(tasks), tuple(agents), episodes, seed, number)
             for number in range(shards)
@@ -273,41 +140,12 @@ def record_transitions(
             else workers.as_done(_record_shard, jobs)
         )
         for shard in played:
-            complete = sorted([*manifest.shards, shard], key=lambda each: each.number)
+            others = [each for each in manifest.shards if each.number != shard.number]
+            complete = sorted([*others, shard], key=lambda each: each.number)
             manifest = structs.replace(manifest, shards=tuple(complete))
-            replace_text(
-                folder / MANIFEST, json.dumps(typed_json.builtins(manifest), indent=1) + "\n"
-            )
+            _write_manifest(folder, manifest)
             on_shard(shard)
     return manifest
-
-
-def read_transitions(folder: Path | str) -> Iterator[Transitions]:
-    """Read the transitions in a folder, shard by shard.
-
-    Yields
-    ------
-    Transitions
-        A shard.
-
-    Raises
-    ------
-    TransitionsError
-        If the folder holds no transitions, or a file is missing, damaged or not the recorded one.
-    """
-    folder = Path(folder)
-    for shard in TransitionsManifest.read(folder).shards:
-        path = folder / shard.file
-        try:
-            data = read_whole(path)
-        except OSError as error:
-            raise TransitionsError(f"{path} can't be read: {error.strerror}") from None
-        if hashlib.sha256(data).hexdigest() != shard.sha256:
-            raise TransitionsError(
-                f"{path} is not the file that the manifest records: its digest differs"
-            )
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            yield Transitions(**arrays)
 
 
 def tasks_digest(tasks: Sequence[Task]) -> str:
@@ -326,10 +164,20 @@ def _manifest(
     cells = {task.cells for task in tasks}
     if len(cells) > 1:
         raise ArgumentError(f"the boxes of the tasks differ: {', '.join(map(str, sorted(cells)))}")
-    check_range("episodes", episodes, (episodes >= 1, "at least 1"))
+    x, y, z = grid_nodes(next(iter(cells)))
+    state = x * y * (z * 8 + 2 * 16) + math.ceil(x * y * z / 8)  # words, heights, mask
+    most = transition_files.MAX_BYTES // 2 // (state * (1 + max(len(task.items) for task in tasks)))
+    check_range("episodes", episodes, (1 <= episodes <= most, f"1 to {most} of these tasks"))
     names = tuple(agent.name for agent in agents)
     return TransitionsManifest(
-        FORMAT, VERSION, __version__, cells.pop(), tasks_digest(tasks), names, seed, episodes
+        FORMAT,
+        VERSION,
+        __version__,
+        cells.pop(),
+        tasks_digest(tasks),
+        names,
+        seed,
+        episodes,
     )
 
 
@@ -341,6 +189,32 @@ def _check_same(folder: Path, found: TransitionsManifest, expected: TransitionsM
                 f"{folder} holds transitions of other {field}: {theirs}, not {ours}; "
                 "choose another folder"
             )
+
+
+def _check_free(folder: Path, shards: int) -> None:
+    """Refuse to begin a recording that would replace a file."""
+    for number in range(shards):
+        if os.path.lexists(path := folder / transition_files.file_name(number)):
+            raise TransitionsError(
+                f"{path} is there, and not of a recording: choose another folder, or remove it"
+            )
+
+
+def _is_there(folder: Path, shard: Shard) -> bool:
+    """Return whether the file of a shard is there, or raise if it is another one."""
+    path = folder / shard.file
+    if not path.exists():
+        return False
+    if not path.is_file() or digest_of(path) != shard.sha256:
+        raise transition_files.changed(path)
+    return True
+
+
+def _write_manifest(folder: Path, manifest: TransitionsManifest) -> None:
+    replace_text(
+        folder / MANIFEST,
+        json.dumps(typed_json.builtins(manifest), indent=1) + "\n",
+    )
 
 
 def _record_shard(
@@ -377,7 +251,7 @@ def _record_shard(
         occupancy,
         np.stack([_heights(unpack(words)) for words in occupancy]),
     )
-    path = folder / f"{number:06d}.npz"
+    path = folder / transition_files.file_name(number)
     with replacing(path) as file:
         arrays = {field.name: getattr(transitions, field.name) for field in fields(transitions)}
         np.savez_compressed(file, allow_pickle=False, **arrays)
