@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.common import table_in_page
-from campaigns import common, mutants
+from campaigns import common, mutant_runs, mutants
 from campaigns.mutations import mutations
 
 PLANTED = '''
@@ -94,6 +94,10 @@ def test_a_hole_in_the_tests_is_found(tmp_path: Path) -> None:
         'raise ValueError(f"{x + 1} is too small") -> pass': "killed",
     }
     assert (tmp_path / "small/planted.py").read_text() == PLANTED
+
+
+def test_a_mutant_that_no_test_executes_has_survived(tmp_path: Path) -> None:
+    assert mutant_runs.run(tmp_path, [], {}) == mutant_runs.Outcome("survived", "", 0)
 
 
 @pytest.mark.slow
