@@ -19,15 +19,13 @@ TESTS = tuple(f"tests/test_{name}.py" for name in _OF_THE_GAME)
 """The files of tests that are run on mutants of the game and its ground."""
 
 _OF_PARTS = (
-    *("as_many_as_fit", "bad_folders", "balance", "box_lists", "builtin_instances", "cells"),
-    *("closed_meshes", "compaction", "constraints", "containers", "deliveries", "evening"),
-    *("exact_fits", "films", "fitting", "gltf_files", "groups", "hostile_parts", "instances"),
-    *("instructions", "lattices", "layers", "limits", "linear_readers", "motions"),
-    *("named_containers", "nest", "nest_cli", "nest_conflicts", "nesting_types"),
-    *("nesting_validity", "number_bounds", "own_files", "pack", "pack_cli", "pack_limits"),
-    *("pack_results", "packing_film", "packing_page", "part_lists", "plates", "public_reports"),
-    *("rebuilding", "removal", "requests", "resuming", "separability", "stacking", "state_checks"),
-    *("step_files", "turning", "workbench", "workbench_orders", "workbench_page"),
+    *("bad_folders", "builtin_instances", "cells", "closed_meshes", "constraints", "containers"),
+    *("deliveries", "exact_fits", "films", "fitting", "gltf_files", "groups", "instances"),
+    *("instructions", "lattices", "motions", "nest", "nest_cli", "nest_conflicts", "nesting_types"),
+    *("nesting_validity", "own_files", "pack", "pack_cli", "pack_results", "packing_film"),
+    *("packing_page", "part_lists", "plates", "public_reports", "rebuilding", "removal"),
+    *("requests", "resuming", "separability", "stacking", "state_checks", "workbench"),
+    *("workbench_page"),
 )
 TESTS_OF_PARTS = tuple(f"tests/test_{name}.py" for name in _OF_PARTS)
 """The files of tests that are run on mutants of what packs parts."""

@@ -27,7 +27,7 @@ from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.results import exports
 from packit_sim.render import video
 from packit_sim.render.image_files import RGBImage
-from tests.runs import packit
+from tests.runs import packit, run_packit
 
 QUICK = PackSettings(workers=1, iterations=5)
 
@@ -124,6 +124,50 @@ def test_a_file_that_was_changed_is_the_users(tmp_path, place) -> None:
     assert contents(out) == before
     pack([part], BOX, out=out, settings=QUICK, force=True)
     assert file.read_bytes() != b"changed" and verify_packing(out / "packing.json").is_valid
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        ("fit {part} --box 9x9x9 --packing {file}", "packing.json"),
+        ("execute starter --stored --film {file}", "film.gif"),
+        ("execute starter --stored --film {file}", "film.mp4"),
+        ("record starter --transitions --out {folder}", "000003.npz"),
+        pytest.param(
+            "datasets archive starter --out {folder}/new", "new.zip", marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_other_commands_do_not_replace_files_of_others(
+    tmp_path, monkeypatch, command, name
+) -> None:
+    for work in ("fit", "game.evaluation.executed.execute_pack"):
+        monkeypatch.setattr(f"packit_sim.{work}", None)  # refused before it
+    part, file = stl(tmp_path / "a.stl", 4, 3, 2), tmp_path / "own" / name
+    file.parent.mkdir()
+    file.write_text("mine")
+    done = run_packit(*command.format(part=part, file=file, folder=file.parent).split())
+    assert done.returncode == 2 and f"{file} is there" in done.stderr, done
+    assert contents(file.parent) == {name: b"mine"}
+
+
+def test_a_training_begins_in_a_folder_without_such_files(tmp_path) -> None:
+    folders = pytest.importorskip("packit_agents.learning.run_folder")  # needs torch
+    (tmp_path / "best.safetensors").write_text("mine")
+    with pytest.raises(ArgumentError, match=r"best\.safetensors is there, and not of this command"):
+        folders.RunFolder(tmp_path, {"settings": 1})
+    folder = tmp_path / "training"
+    folders.RunFolder(folder, {"settings": 1})
+    (folder / "best.safetensors").write_text("written by the training")
+    folders.RunFolder(folder, {"settings": 1})
+
+
+def test_the_part_that_is_fitted_is_not_replaced(tmp_path) -> None:
+    part = stl(tmp_path / "a.stl", 4, 3, 2)
+    before = part.read_bytes()
+    done = run_packit("fit", part, "--box", "9x9x9", "--packing", part)
+    assert done.returncode == 2 and "a.stl is an input, and would be replaced" in done.stderr
+    assert part.read_bytes() == before
 
 
 def test_links_are_not_followed(tmp_path) -> None:

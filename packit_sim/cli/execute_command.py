@@ -151,6 +151,7 @@ def execute_command(
     )
     if film is not None:
         video.require(film)
+        output.prepare_folder(film, dataset)
     is_packing = dataset.endswith(".json")
     if moves > 1 and not (is_packing or stored or reachable is False):
         raise ArgumentError(

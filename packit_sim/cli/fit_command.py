@@ -56,6 +56,8 @@ def fit_command(
     """
     if (box is None) == (container is None):
         raise ArgumentError("one container is needed: choose --box 300x200x150mm, or --container")
+    if packing is not None:
+        output.prepare_folder(packing, part, container, field="items")
     asked = str(box or container)
     length: Unit = boxes.box_unit(named_containers.without_names(asked)[0]) or unit
     settings = packit_sim.PackSettings(

@@ -32,8 +32,10 @@ _BEGINNINGS = {
     ".html": (b"<!",),
     ".json": (b"{", b"["),
     ".jsonl": (b"{",),
+    ".mp4": (b"\0\0\0",),
     ".npz": (b"PK",),
     ".png": (b"\x89PNG",),
+    ".zip": (b"PK",),
 }
 """How files begin, by their suffixes."""
 
@@ -135,6 +137,26 @@ def require_replaceable(path: Path, inputs: Iterable[Path] = (), field: str | No
             f"{path} is there, and not a file that this command writes: choose another name, or "
             "remove it"
         )
+
+
+def require_free(folder: Path, names: Iterable[str]) -> None:
+    """Refuse to begin work in a folder in which it would replace files of others.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The names of the files and folders that will be written.
+
+    Raises
+    ------
+    ArgumentError
+        If there is something of such a name.
+    """
+    for name in names:
+        if os.path.lexists(path := folder / name):
+            raise ArgumentError(
+                f"{path} is there, and not of this command: choose another folder, or remove it"
+            )
 
 
 def require_same(path: Path, content: bytes) -> None:

@@ -10,9 +10,12 @@ from typing import Any
 from packit_agents.learning.actor_critic import ActorCritic
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError, located
-from packit_sim.core.files import claimed, replace_text
+from packit_sim.core.files import claimed, replace_text, require_free
 from packit_sim.core.version import __version__
 from packit_sim.game.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint, flat
+
+_WRITTEN = ("best.safetensors", "last.safetensors", "curve.png")
+"""Files that trainings write into the folder, in addition to those that are named here."""
 
 
 class TrainingError(PackItError, ValueError):
@@ -31,6 +34,8 @@ class RunFolder:
     ------
     TrainingError
         If the folder holds a training with other settings.
+    ArgumentError
+        If it holds none, but files that would be replaced.
     """
 
     def __init__(self, path: Path, provenance: dict[str, Any]) -> None:
@@ -41,6 +46,8 @@ class RunFolder:
         self.logs = path / "tensorboard"
         file = path / SETTINGS_FILE
         if not file.exists():
+            own = (self.checkpoint, self.dagger_dataset, self.logs)
+            require_free(path, (*_WRITTEN, CURVE_FILE, *(each.name for each in own)))
             path.mkdir(parents=True, exist_ok=True)
             replace_text(file, json.dumps(provenance, indent=1) + "\n")
             return

@@ -16,7 +16,7 @@ from typing import Any
 from packit_sim.core import templates
 from packit_sim.core.choices import SPLITS
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.files import replacing
+from packit_sim.core.files import replacing, require_same
 from packit_sim.core.version import DOCUMENTATION, __version__
 from packit_sim.game.datasets import datasheet
 from packit_sim.game.datasets.builtin import BUILTIN_DATASETS
@@ -271,7 +271,7 @@ def write_archive(metadata: Metadata, card: str, folder: Path) -> Path:
     Raises
     ------
     ArgumentError
-        If the folder has files.
+        If the folder has files, or the ZIP file is there with another content.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ArgumentError(f"{folder} is not an empty folder: choose another --out")
@@ -291,9 +291,11 @@ def write_archive(metadata: Metadata, card: str, folder: Path) -> Path:
         for name, data in sorted(files.items()):
             entry = zipfile.ZipInfo(f"{metadata.name}/{name}", _ZIP_DATE)
             archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(data)
     whole = folder.with_name(f"{folder.name}.zip")
+    require_same(whole, packed.getvalue())
+    for name, data in sorted(files.items()):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
     with replacing(whole) as file:
         file.write(packed.getvalue())
     return whole

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from itertools import starmap
@@ -24,7 +23,14 @@ from msgspec import structs
 from packit_sim.core import typed_json
 from packit_sim.core.checks import check_range
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.files import claimed, digest_of, lock_path, replace_text, replacing
+from packit_sim.core.files import (
+    claimed,
+    digest_of,
+    lock_path,
+    replace_text,
+    replacing,
+    require_free,
+)
 from packit_sim.core.version import __version__
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.episodes.agents import Agent
@@ -95,10 +101,11 @@ def record_transitions(
     Raises
     ------
     ArgumentError
-        If there is no task or agent, an agent has a search, or the boxes differ.
+        If there is no task or agent, an agent has a search, the boxes differ, or files of others
+        would be replaced.
     TransitionsError
-        If the folder holds transitions of other tasks, agents or another seed, or files of others
-        that would be replaced.
+        If the folder holds transitions of other tasks, agents or another seed, or a shard that was
+        changed.
     BusyError
         If another process writes to the folder.
 
@@ -126,7 +133,7 @@ def record_transitions(
             manifest = TransitionsManifest.read(folder)
             _check_same(folder, manifest, expected)
         else:
-            _check_free(folder, shards)
+            require_free(folder, map(transition_files.file_name, range(shards)))
             _write_manifest(folder, manifest)
         done = {shard.number for shard in manifest.shards if _is_there(folder, shard)}
         jobs = [
@@ -188,15 +195,6 @@ def _check_same(folder: Path, found: TransitionsManifest, expected: TransitionsM
             raise TransitionsError(
                 f"{folder} holds transitions of other {field}: {theirs}, not {ours}; "
                 "choose another folder"
-            )
-
-
-def _check_free(folder: Path, shards: int) -> None:
-    """Refuse to begin a recording that would replace a file."""
-    for number in range(shards):
-        if os.path.lexists(path := folder / transition_files.file_name(number)):
-            raise TransitionsError(
-                f"{path} is there, and not of a recording: choose another folder, or remove it"
             )
 
 
