@@ -62,9 +62,11 @@ def test_values_make_another_task_and_volumes_are_the_default() -> None:
     assert one.total == other.total
 
 
-@pytest.mark.parametrize("value", [0, -1.0, float("nan"), float("inf"), "5"])
+@pytest.mark.parametrize("value", [0, -1.0, 1e13, float("nan"), float("inf"), "5"])
 def test_a_value_is_a_positive_number(value) -> None:
-    with pytest.raises(ArgumentError, match=r"value of 'cube' .* is not possible: above 0, finite"):
+    with pytest.raises(
+        ArgumentError, match=r"'cube' .* not possible: above 0, at most 1e\+12"
+    ):
         Task.of([cube_of(8)], (40, 40, 40)).valued(lambda item: value)
 
 
@@ -99,6 +101,14 @@ def test_equal_items_have_equal_values(change) -> None:
     line = json.loads(pack.to_json())
     line["outside"] = [json.loads(json.dumps(structs.asdict(one))) for one in changed]
     with pytest.raises(PackFormatError, match="either all items have values, equal ones the same"):
+        Pack.from_json(json.dumps(line))
+
+
+def test_a_value_in_a_file_has_the_same_bounds() -> None:
+    line = json.loads(valued().pack.to_json())
+    for one in (*line["items"], *line["outside"]):
+        one["value"] = 1e308
+    with pytest.raises(PackFormatError, match=r"value' is 1e\+308"):
         Pack.from_json(json.dumps(line))
 
 

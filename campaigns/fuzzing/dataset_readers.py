@@ -61,7 +61,8 @@ def _read_packs(data: bytes) -> None:
 
 
 def _results() -> list[bytes]:
-    return _lines([world.played(), world.played(Rules(buffer=1, rotations="yaw"))])
+    rules = (Rules(), Rules(buffer=1, rotations="yaw"), Rules(support=0.2, boxes=2))
+    return _lines([*map(world.played, rules), world.valued()])
 
 
 def _read_results(data: bytes) -> None:

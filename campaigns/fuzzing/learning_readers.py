@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import warnings
 from collections.abc import Callable
@@ -14,14 +15,17 @@ import torch
 from campaigns.fuzzing import file_changes, world
 from campaigns.fuzzing.json_changes import json_tree
 from campaigns.fuzzing.reader import Reader
+from packit_agents.learned_model.contact_network import ContactNetwork
 from packit_agents.learning.networks import NetworkSettings, network
 from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights, write_weights
 from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import FEATURES
 from packit_sim.game.envs.recording import record, stage_steps
+from packit_sim.game.episodes.agents import Agent
 from packit_sim.game.episodes.episode import Stage
 from packit_sim.game.evaluation.learning_curves import TrainingRecord
+from packit_sim.game.evaluation.transitions import read_transitions, record_transitions
 from tests import bad_meshes
 
 
@@ -117,6 +121,45 @@ def _read_recording(name: str) -> Callable[[bytes], None]:
     return read
 
 
+def transitions_folder() -> Path:
+    folder = world.folder() / "transitions-seed"
+    agent = Agent.from_name("largest-first/aligned/blbf")
+    record_transitions(folder, [world.pack().task(world.library())], [agent], 1, episodes=1)
+    return folder
+
+
+def _read_manifest_of_transitions(data: bytes) -> None:
+    shard = (transitions_folder() / _SHARD).read_bytes()
+    world.written("transitions/manifest.json", data)
+    for _ in read_transitions(world.written(f"transitions/{_SHARD}", shard).parent):
+        pass
+
+
+def _read_shard(data: bytes) -> None:
+    shards = json.loads((transitions_folder() / "manifest.json").read_text())
+    shards["shards"][0]["sha256"] = hashlib.sha256(data).hexdigest()
+    folder = world.written(f"transitions/{_SHARD}", data).parent
+    world.written("transitions/manifest.json", json.dumps(shards).encode())
+    for shard in read_transitions(folder):
+        for step in range(len(shard)):
+            shard.feasible(step), shard.filled(shard.state(step) + 1)
+
+
+def _contact_weights() -> list[bytes]:
+    file = world.folder() / "contacts.safetensors"
+    shapes = ContactNetwork.shapes(2)
+    tensors = {name: np.full(shape, 0.5, np.float32) for name, shape in shapes.items()}
+    ContactNetwork(tensors, {"rounds": 3}).write(file)
+    return [file.read_bytes()]
+
+
+def _read_contact_weights(data: bytes) -> None:
+    network = ContactNetwork.read(world.written("contacts.safetensors", data))
+    network(np.ones((2, len(ContactNetwork.features)), np.float32))
+
+
+_SHARD = "000000.npz"
+
 READERS = (
     Reader(
         "weights",
@@ -131,6 +174,27 @@ READERS = (
         _placement_weights,
         _read_placement_weights,
         file_changes.safetensors,
+    ),
+    Reader(
+        "contact-weights",
+        "weights of networks for contacts",
+        _contact_weights,
+        _read_contact_weights,
+        file_changes.safetensors,
+    ),
+    Reader(
+        "transitions",
+        "transitions: manifest",
+        lambda: [(transitions_folder() / "manifest.json").read_bytes()],
+        _read_manifest_of_transitions,
+        json_tree,
+    ),
+    Reader(
+        "transitions-shards",
+        "transitions: shards",
+        lambda: [(transitions_folder() / _SHARD).read_bytes()],
+        _read_shard,
+        file_changes.archive(file_changes.npy),
     ),
     Reader("settings", "settings (TOML)", _settings, _read_toml, file_changes.toml),
     Reader(

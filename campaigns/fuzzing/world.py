@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
 from trimesh import creation
 
 from packit_sim.box import Box
@@ -125,6 +126,14 @@ def played(rules: Rules = PACKIT) -> Pack:
         improvements=(Improvement(0.125, 0.5), Improvement(0.25, 1.0)),
     )
     return replace(base, provenance=record)
+
+
+def valued() -> Pack:
+    """Return a result whose return counts values."""
+    pack = played(Rules(values=True))
+    pack = pack.valued({item.kind: float(n + 1) for n, item in enumerate(pack.items)})
+    digest = pack.task(library()).digest
+    return replace(pack, provenance=structs.replace(pack.provenance, task_digest=digest))
 
 
 class Unclean(Exception):

@@ -15,7 +15,7 @@ from msgspec import Meta, Struct, structs
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
-from packit_sim.core.checks import POSITIVE, check_range
+from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
@@ -46,7 +46,10 @@ MAX_SCALE = (MAX_CELLS / CELLS_PER_UNIT) ** 3 * 3**1.5
 
 Scale = Annotated[float, Meta(gt=0, le=MAX_SCALE)]
 
-Value = Annotated[float, Meta(gt=0)]
+MAX_VALUE = 1e12
+"""The largest possible value of an item, as of a part: no sum of values overflows."""
+
+Value = Annotated[float, Meta(gt=0, le=MAX_VALUE)]
 
 Kind = tuple[str, float]
 """The shape and the scale of an item."""
@@ -544,7 +547,7 @@ class Task:
         Parameters
         ----------
         value : callable
-            The value of an item, above 0; called once for equal items.
+            The value of an item, above 0 and at most 1e12; called once for equal items.
 
         Returns
         -------
@@ -573,7 +576,7 @@ class Task:
             raise ArgumentError("the task has other items than its pack: values are stored there")
         values = {kind: value(item) for kind, item in kinds.items()}
         for (shape, _), each in values.items():
-            check_range(f"value of {shape!r}", each, POSITIVE)
+            check_range(f"value of {shape!r}", each, Range(0, MAX_VALUE, "(]"))
         pack = self.pack.valued({kind: float(each) for kind, each in values.items()})
         return dataclasses.replace(self, pack=pack)
 
