@@ -126,6 +126,11 @@ def test_bad_constraints_are_one_clear_error(settings, message) -> None:
         Constraints(**settings)
 
 
+def test_a_unit_of_no_length_is_refused_before_anything_is_simulated() -> None:
+    with pytest.raises(ArgumentError, match=r"metres 0.0 is not possible"):
+        stage_motions(packed(cuboid((0, 0, 0), (9, 9, 9))), (0,), (1.0,), metres=0.0)
+
+
 @pytest.mark.parametrize(
     ("constraints", "message"),
     [

@@ -64,6 +64,16 @@ def test_walls_keep_their_distances() -> None:
     assert not can.packing.problems()
 
 
+def test_in_a_convex_mesh_every_rotation_is_possible(tmp_path) -> None:
+    """By the 24 rotations of a cube, a cube in a larger one that is turned has a scale of 14.6."""
+    file = tmp_path / "turned.stl"
+    turned = trimesh.transformations.rotation_matrix(math.pi / 6, (0, 0, 1))
+    creation.box((20, 20, 20), transform=turned).export(file)
+    part, settings = Part("cube", CUBE, rotations="free"), PackSettings(unit="mm")
+    found = fit(part, str(file), settings=settings)
+    assert found.scale == pytest.approx(20, rel=1e-3)
+
+
 def test_a_mesh_that_is_not_convex_keeps_its_distance_and_has_a_valid_place() -> None:
     bracket = pair("bracket in itself").container
     settings = PackSettings(wall_clearance=0.1, unit="mm")

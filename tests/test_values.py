@@ -64,9 +64,7 @@ def test_values_make_another_task_and_volumes_are_the_default() -> None:
 
 @pytest.mark.parametrize("value", [0, -1.0, 1e13, float("nan"), float("inf"), "5"])
 def test_a_value_is_a_positive_number(value) -> None:
-    with pytest.raises(
-        ArgumentError, match=r"'cube' .* not possible: above 0, at most 1e\+12"
-    ):
+    with pytest.raises(ArgumentError, match=r"'cube' .* not possible: above 0, at most 1e\+12"):
         Task.of([cube_of(8)], (40, 40, 40)).valued(lambda item: value)
 
 
