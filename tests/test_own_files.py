@@ -133,6 +133,8 @@ def test_a_file_that_was_changed_is_the_users(tmp_path, place) -> None:
         ("execute starter --stored --film {file}", "film.gif"),
         ("execute starter --stored --film {file}", "film.mp4"),
         ("record starter --transitions --out {folder}", "000003.npz"),
+        ("demo --out {folder}", "best.png"),
+        ("reproduce table1 --quick --out {folder}", "table1.json"),
         pytest.param(
             "datasets archive starter --out {folder}/new", "new.zip", marks=pytest.mark.slow
         ),

@@ -14,6 +14,7 @@ from packit_sim.cli.viewer_commands import view_command, workbench_command
 from packit_sim.core import typed_json
 from packit_sim.core.files import replace_text
 from packit_sim.game.envs import minari_format
+from packit_sim.game.evaluation import transition_files
 from packit_sim.geometry import lattice, quantized
 from packit_sim.libraries import folder, mesh_limits, step_files
 from packit_sim.libraries.importer import ImportSettings
@@ -54,6 +55,7 @@ LIMITS = (
     (f"{gantry.MOST_BOXES} boxes of {gantry.SMALLEST:.0e}".replace("e-0", "e-"), "an arm's URDF"),
     (f"to {gantry.FARTHEST:,.0f} m", "an arm's URDF"),
     (f"{minari_format.MAX_COMPRESSION:,} times the size", "recordings"),
+    (f"{transition_files.MAX_BYTES // GIB} GiB of arrays in a shard", "transitions"),
     (f"at most {prepared.MAX_TRIANGLES // 10**6} million triangles, all parts", "A part to pack"),
     (f"together have {preparation.MAX_TRIANGLES // 10**6} million", "A part to pack"),
     (f"It has at most {origins.MAX_CONNECTIONS} connections", "- It has"),

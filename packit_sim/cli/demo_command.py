@@ -29,6 +29,9 @@ DEMO_SIZE = (0.65, 0.65)
 PICTURE_SIDE = 512
 """Width and height of the pictures, in pixels."""
 
+DRAWN = ("truth", "best", "worst")
+"""The names of the pictures: the pack, and the results with the highest and the lowest return."""
+
 
 def demo_command(
     out: Annotated[
@@ -41,7 +44,8 @@ def demo_command(
 ) -> None:
     """Evolve a pack, let heuristic agents repack its items, and draw the results."""
     started = time.perf_counter()
-    output.prepare_folder(out / "packs.jsonl")
+    for name in ("packs.jsonl", "results.jsonl", *(f"{each}.png" for each in DRAWN)):
+        output.prepare_folder(out / name)
     library = packit_sim.ShapeLibrary.open("everyday")
     terminal.console.print(
         f"Library [bold]{library.name}[/] {library.version}: {len(library)} shapes "
@@ -59,7 +63,7 @@ def demo_command(
         packit_sim.write_packs(out / name, packs)
         output.print_written(out / name)
     ranked = sorted(rollouts, key=lambda rollout: rollout.total)
-    for name, shown in (("truth", pack), ("best", ranked[-1].pack), ("worst", ranked[0].pack)):
+    for name, shown in zip(DRAWN, (pack, ranked[-1].pack, ranked[0].pack), strict=True):
         renderer = _draw(shown, library, out / f"{name}.png")
         output.print_written(out / f"{name}.png")
     terminal.console.print(

@@ -95,7 +95,7 @@ def reproduce_command(
     tables = [name for name in names if name in TABLE_NAMES]
     with (
         stoppable(RESUMABLE),
-        reproductions.prepared(out),
+        reproductions.prepared(out, names),
         parallel.Workers(workers, backend, address) as processes,
     ):
         run = reproductions.Run(library, seed, quick, out, processes)

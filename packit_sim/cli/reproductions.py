@@ -88,9 +88,11 @@ class Run:
 
 
 @contextmanager
-def prepared(out: Path) -> Iterator[None]:
-    """Create the folder of the output, and keep other processes out of it."""
-    prepare_folder(out / "results")
+def prepared(out: Path, names: Iterable[str]) -> Iterator[None]:
+    """Create the folder of the outputs of these names, and keep other processes out of it."""
+    for name in names:
+        prepare_folder(out / f"{name}.json", field="what")
+        prepare_folder(out / f"{name}.png")
     with claimed(lock_path(out), out):
         yield
 
