@@ -60,6 +60,7 @@ DELIVERED: dict[str, tuple[int, Callable[[Any], object]]] = {
     "another door": (3, lambda r: (r["request"].update(door="y-"), r["summary"].update(door="y-"))),
     "a door that is none": (3, lambda r: r["request"].update(door="z-")),
     "an order that is none": (3, lambda r: r["request"].update(order="size")),
+    "no word on insertion": (3, lambda r: r["request"].pop("insertable")),
     "the last one first": (3, lambda r: r["items"].reverse()),
     "other deliveries": (3, lambda r: r["summary"].update(deliveries="stop 1: 6")),
     "groups together in two boxes": (4, lambda r: r["items"][0].update(box=1)),

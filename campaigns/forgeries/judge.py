@@ -426,7 +426,7 @@ class Judge:
 
     def _stops(self, request: Mapping[str, Any], names: Sequence[str]) -> Mapping[str, int]:
         """Return the stop of each part; 1 for all if nothing is delivered."""
-        require(type(request.get("insertable", False)) is bool, "insertable")
+        require(type(request["insertable"]) is bool, "insertable")
         stops = {each["name"]: each.get("stop") for each in request["parts"]}
         if request.get("order") is None:
             return dict.fromkeys(stops, 1)
