@@ -1,9 +1,10 @@
 """Transitions of recorded episodes: what they contain, resuming, and damaged folders."""
 
 import json
+import os
 import shutil
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -233,6 +234,29 @@ def test_a_shard_that_is_missing_is_recorded_again(tmp_path, tasks, folder) -> N
     (copy / "000000.npz").unlink()
     assert record(copy, tasks, 2) == TransitionsManifest.read(folder)
     assert len(list(read_transitions(copy))) == 2
+
+
+@pytest.mark.slow
+def test_a_kill_at_any_rename_leaves_what_is_recorded_and_is_resumed(
+    tmp_path, tasks, folder, monkeypatch
+) -> None:
+    rename, whole = os.replace, {file.name: file.read_bytes() for file in folder.iterdir()}
+    for renames in range(5):  # the manifest, and twice a shard and the manifest
+        left, own = iter(range(renames)), tmp_path / str(renames)
+
+        def until(*files: Path, left: Iterator[int] = left) -> None:
+            if next(left, None) is None:
+                raise KeyboardInterrupt
+            rename(*files)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", until)
+            with pytest.raises(KeyboardInterrupt):
+                record(own, tasks, 2)
+        if renames:
+            assert len(list(read_transitions(own))) == (renames - 1) // 2
+        record(own, tasks, 2)
+        assert {file.name: file.read_bytes() for file in own.iterdir()} == whole
 
 
 def test_the_command_records_transitions(tmp_path) -> None:
