@@ -118,13 +118,16 @@ def test_the_hull_of_an_item_says_how_hard_it_is_to_place() -> None:
     volumes = np.array([each.volume for each in types])
     task = SearchTask(np.array([0, 1]), volumes, volumes, ((4.0, 4.0, math.inf),), BY_CELLS)
     assert hardest_first(problem, task).tolist() == [1, 0]
+    task = replace(task, sizes=((1.2, 1.2, 1.2),))
     assert most_valuable_first(problem, task).tolist() == [0, 1]
     assert problem.hulls == pytest.approx([0.729, math.pi], rel=0.02)
     equal = replace(task, values=np.ones(2))  # the smaller hull first, whatever the volumes
     assert most_valuable_first(problem, equal).tolist() == [0, 1]
     limits = ItemLimits(np.array([[1.0, 0.1]]), np.array([1.0]))
-    limited = replace(task, limits=limits, sizes=((4.0, 4.0, 4.0),))
+    limited = replace(task, limits=limits)
     assert most_valuable_first(problem, limited).tolist() == limited.order.tolist() == [1, 0]
+    roomy = replace(equal, sizes=((4.0, 4.0, 4.0),))
+    assert most_valuable_first(problem, roomy).tolist() == roomy.order.tolist() == [1, 0]
 
 
 def test_windows_hold_whether_any_cell_is_taken() -> None:

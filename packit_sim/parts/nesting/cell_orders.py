@@ -6,6 +6,8 @@ own volume, since what is inside can hardly be used.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
@@ -18,6 +20,9 @@ SHORTEST = 1.5
 TAKEN = 0.4
 """Power of the hull's volume by which an item's value is divided: its space, and that large items
 find no place later."""
+
+CROWDED = 0.75
+"""Volume of all items, as a share of the box's, from which on that matters: many stay outside."""
 
 
 def hardest_first(problem: Problem, task: SearchTask, change: Floats | float = 0.0) -> Ints:
@@ -43,9 +48,10 @@ def hardest_first(problem: Problem, task: SearchTask, change: Floats | float = 0
 def most_valuable_first(problem: Problem, task: SearchTask) -> Ints:
     """Return the order in which those items come first that are worth most for what they take.
 
-    Where limits may run out before the space does, this is the order of the task.
+    This is the order of the task where limits may run out before the space does, and where most
+    items fit.
     """
-    if task.limits.count:
+    if task.limits.count or task.volumes.sum() < CROWDED * math.prod(task.size):
         return task.order
     own = task.numbers[: task.count]
     return task.order_by(problem.hulls[own] ** TAKEN)
