@@ -78,19 +78,17 @@ EXAMPLE = "largest-first/aligned/blbf"
 PACKAGE = "packit-sim"
 """The package of agents for which a board records no other."""
 
-HEAD = (
-    "limit",
-    "agent",
-    "s per task",
-    "Average Reward",
-    *(f"S@{x:g}" for x in LEVELS),
-    "weights",
-    "package",
-    "results",
-)
+HEAD = ("limit", "agent", "s per task", "Average Reward")
+"""The first columns of every board."""
+
+SUCCESSES = tuple(f"S@{x:g}" for x in LEVELS)
+"""The columns after them."""
 
 EXECUTED = ("loss", "collapses", "not held or no path", "largest penetration")
-"""More columns of boards on which an arm packs."""
+"""The same of boards on which an arm packs."""
+
+TAIL = ("weights", "package", "results")
+"""The last columns of every board."""
 
 _SUFFIX = ".gz"
 
@@ -311,11 +309,10 @@ class Row:
             f"`{self.score.agent}`",
             f"{self.seconds:.2f}",
             reward,
-            *(f"{self.score.success[x].mean:.1f}" for x in LEVELS),
+            *(self.measured or (f"{self.score.success[x].mean:.1f}" for x in LEVELS)),
             f"`{self.weights}`" if self.weights else "",
             f"`{self.package}`",
             f"[file]({link})",
-            *self.measured,
         ]
 
     @property
@@ -457,7 +454,7 @@ def pages(folder: Path = BOARDS, page: Path = PAGE) -> dict[Path, str]:
             "- **Columns, limits, and how to submit:** [the leaderboard](../leaderboard.md)\n\n"
             f"With the name of your agent:\n\n```console\n{lines}```\n\n"
             + markdown_table(
-                HEAD + (EXECUTED if board.rules.robot else ()),
+                [*HEAD, *(EXECUTED if board.rules.robot else SUCCESSES), *TAIL],
                 [row.cells(path) for row in rows(own, board)],
             )
         )
