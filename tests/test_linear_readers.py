@@ -259,7 +259,7 @@ def test_a_surface_of_many_parts_is_divided_once() -> None:
     """Each part was looked for among all triangles, in containers, checks and STEP files."""
     mesh = _boxes(8000)
     row = SimpleNamespace(vertices=mesh.vertices, faces=mesh.faces, low=np.zeros(3))
-    original = SimpleNamespace(mesh=mesh, _drawn=lambda times: 1.0)
+    original = SimpleNamespace(mesh=mesh, drawn=lambda times: 1.0)
     mesh.triangles_center  # noqa: B018  computed once
     started = time.process_time()
     low, high = MeshContainer._parts.func(SimpleNamespace(mesh=row))
