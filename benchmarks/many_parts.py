@@ -218,8 +218,8 @@ def main() -> None:
         print(json.dumps(search(count, seed, arguments.clearance, NestSettings(workers=2))))
         return
     file = arguments.out / FILE
-    found_before = json.loads(file.read_text()) if file.exists() else {}
-    runs, clusters = (found_before.get(key, {}) for key in ("runs", "clusters"))
+    before = json.loads(file.read_text()) if file.exists() else {}
+    runs, clusters = (before.get(key, {}) for key in ("runs", "clusters"))
     head = {"command": "python -m benchmarks.many_parts", "machine": machine()}
     for count in arguments.parts:
         for seed in arguments.seeds:

@@ -15,14 +15,14 @@ from packit_sim.parts.nesting.problem import Problem
 from packit_sim.parts.nesting.tasks import SearchTask
 
 SHORTEST = 1.5
-"""Power of an item's shortest side which, times its hull's volume, says how hard to place it is."""
+"""How hard an item is to place: its hull's volume times this power of its shortest side."""
 
 TAKEN = 0.4
-"""Power of the hull's volume by which an item's value is divided: its space, and that large items
+"""What an item takes of a box: this power of its hull's volume. It is less than 1, since large items
 find no place later."""
 
 CROWDED = 0.75
-"""Volume of all items, as a share of the box's, from which on that matters: many stay outside."""
+"""Volume of all items, as a share of the box's, from which on that decides: many stay outside."""
 
 
 def hardest_first(problem: Problem, task: SearchTask, change: Floats | float = 0.0) -> Ints:
