@@ -30,9 +30,9 @@ from benchmarks.common import (
     write_into_page,
     write_json,
 )
-from benchmarks.many_parts import PAGE, parts
-from benchmarks.nesting.cases import lowest_placement
-from packit_sim import Box, Item, ItemType, NestSettings, Part, nest, pack
+from benchmarks.many_parts import PAGE, items_of, parts
+from benchmarks.nesting.cases import place_lowest
+from packit_sim import Box, ItemType, NestSettings, Part, nest, pack
 
 BLOCK = "many boxes"
 """Between these comments the page has the table."""
@@ -59,14 +59,8 @@ def greedy(types: Sequence[ItemType], boxes: int, cells: int) -> float:
     """Return the share of the boxes' volume that the greedy rule fills."""
     unit = sides(types, boxes) / (cells / 100)
     kept = [Box((cells, cells, cells)) for _ in range(boxes)]
-    for one in sorted(types, key=lambda each: -each.volume):
-        item = Item(one.shape, (float(np.linalg.norm(one.extents)) / unit) ** 3)
-        for box in kept:
-            found = lowest_placement(box, item)
-            if found is not None:
-                _, turned, location = found
-                box.place(turned, location)
-                break
+    for item in items_of(sorted(types, key=lambda each: -each.volume), unit):
+        place_lowest(kept, item)
     return sum(box.density for box in kept) / boxes
 
 

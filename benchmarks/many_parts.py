@@ -22,7 +22,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -38,7 +38,7 @@ from benchmarks.common import (
     write_into_page,
     write_json,
 )
-from packit_sim import ItemType, NestSettings, Packing, ShapeLibrary, nest
+from packit_sim import Item, ItemType, NestSettings, Packing, ShapeLibrary, nest
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "nesting-many.md"
 
@@ -76,6 +76,11 @@ def parts(count: int, seed: int) -> tuple[list[ItemType], float]:
         scale = float(rng.uniform(*LONGEST)) / float(max(mesh.extents))
         types.append(ItemType(f"{n} {name}".replace("/", "_"), mesh.vertices * scale, mesh.faces))
     return types, (sum(each.volume for each in types) / DENSITY) ** (1 / 3)
+
+
+def items_of(types: Sequence[ItemType], unit: float) -> list[Item]:
+    """Return parts as items of a box whose unit has this length."""
+    return [Item(one.shape, (float(np.linalg.norm(one.extents)) / unit) ** 3) for one in types]
 
 
 def search(count: int, seed: int, has_clearance: bool, settings: NestSettings) -> dict[str, Any]:

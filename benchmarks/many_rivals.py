@@ -32,11 +32,11 @@ from benchmarks.common import (
     write_json,
 )
 from benchmarks.many_parts import FILE as SEARCHES
-from benchmarks.many_parts import PAGE, SECONDS, parts
-from benchmarks.nesting.cases import lowest_placement
+from benchmarks.many_parts import PAGE, SECONDS, items_of, parts
+from benchmarks.nesting.cases import place_lowest
 from benchmarks.peers.heightmaps import Heightmaps
 from benchmarks.peers.spectral import Spectral
-from packit_sim import Box, Item, ItemType, Task
+from packit_sim import Box, ItemType, Task
 from packit_sim.geometry.lattice import CELL, STEP
 from packit_sim.render import plots
 
@@ -54,18 +54,15 @@ HIGHEST = 2.2
 """The strip's space, in sides of its base; a rule that needs more has no result."""
 
 WORKERS = 2
-"""Those of the search, whose processor time a rule gets."""
+"""Workers of the search, whose processor time together a rule gets."""
 
 
 def greedy(task: Task) -> float:
     """Return the height of the strip, in cells; inf if the space is too low."""
     box = Box(task.cells)
     for item in sorted(task.items, key=lambda each: -each.volume):
-        found = lowest_placement(box, item)
-        if found is None:
+        if not place_lowest([box], item):
             return math.inf
-        _, turned, location = found
-        box.place(turned, location)
     return max(placed.center[2] + placed.item.extents[2] / 2 for placed in box.placed) / CELL
 
 
@@ -96,8 +93,7 @@ def tried(
     runs = []
     for cells in CELLS:
         unit = side / (cells * CELL)
-        items = [Item(one.shape, (float(np.linalg.norm(one.extents)) / unit) ** 3) for one in types]
-        task = Task.of(items, (cells, cells, STEP * int(HIGHEST * cells / STEP)))
+        task = Task.of(items_of(types, unit), (cells, cells, STEP * int(HIGHEST * cells / STEP)))
         started = time.process_time()
         height = rule(task) * CELL * unit
         taken = time.process_time() - started

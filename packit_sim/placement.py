@@ -57,7 +57,7 @@ from packit_sim.engine.screening_kernels import (
     state_at,
 )
 from packit_sim.engine.support import support, support_oracle, supported_mask
-from packit_sim.engine.sweeping import AxisNumber, cyclic
+from packit_sim.engine.sweeping import AxisNumber, cyclic, reordered
 from packit_sim.engine.sweeping_kernels import least_rise
 from packit_sim.geometry.items import BoxState, Contents, ItemInBox, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import ORIGIN
@@ -114,6 +114,7 @@ __all__ = [
     "location_counts",
     "no_fit_tables",
     "oracle",
+    "reordered",
     "routed_share",
     "state_at",
     "support",

@@ -31,7 +31,7 @@ BLOCK = "wheels"
 EXTRAS_BLOCK = "wheels of extras"
 
 EXTRAS = ("physics", "cluster", "cad", "containers", "sheets", "exact")
-"""Those whose packages hold machine code and lack wheels somewhere, or might."""
+"""Extras of packages that hold machine code, and lack wheels somewhere, or might."""
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 

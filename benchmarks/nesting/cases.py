@@ -203,18 +203,27 @@ def first_fit_decreasing(items: Sequence[Item]) -> int:
     """
     boxes: list[Box] = []
     for item in sorted(items, key=lambda each: -each.volume):
-        placed = next((found for box in boxes if (found := lowest_placement(box, item))), None)
-        if placed is None:
+        if not place_lowest(boxes, item):
             boxes.append(Box())
-            placed = lowest_placement(boxes[-1], item)
-            assert placed is not None, f"{item} does not fit into an empty box"
-        box, turned, location = placed
-        box.place(turned, location)
+            is_placed = place_lowest(boxes[-1:], item)
+            assert is_placed, f"{item} does not fit into an empty box"
     return len(boxes)
 
 
-def lowest_placement(box: Box, item: Item) -> tuple[Box, Item, tuple[int, int, int]] | None:
-    """Return the lowest placement in a box, as the rotation policy `lowest` chooses it."""
+def place_lowest(boxes: Sequence[Box], item: Item) -> bool:
+    """Put an item at the lowest place of the first box that has one; return whether there is one.
+
+    The place is that which the rotation policy `lowest` chooses.
+    """
+    for box in boxes:
+        if found := lowest_placement(box, item):
+            box.place(*found)
+            return True
+    return False
+
+
+def lowest_placement(box: Box, item: Item) -> tuple[Item, tuple[int, int, int]] | None:
+    """Return the item in its rotation and the location of the lowest placement in a box."""
     best, lowest = None, box.cells[2] + 1
     for rotation in grid_rotations.by_alignment(item.extents):
         turned = item.turned(rotation)
@@ -222,7 +231,7 @@ def lowest_placement(box: Box, item: Item) -> tuple[Box, Item, tuple[int, int, i
             continue
         location = box.blbf(turned)
         if location is not None and (top := PlacedItem(turned, location).stop[2]) < lowest:
-            best, lowest = (box, turned, location), top
+            best, lowest = (turned, location), top
     return best
 
 

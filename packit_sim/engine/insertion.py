@@ -28,10 +28,10 @@ from packit_sim.engine.insertion_kernels import NONE, column_ends, required_heig
 from packit_sim.engine.screening import Locations
 from packit_sim.engine.sweeping import (
     AxisNumber,
-    cyclic,
     least_rise_oracle,
     posed_surface,
     surface,
+    way_between,
 )
 from packit_sim.engine.sweeping_kernels import least_rise, rises
 from packit_sim.geometry.deviation import Surface
@@ -180,10 +180,7 @@ def free_way(
         offset = _offsets(candidate.item, np.array([candidate.location]), other)[0]
     else:
         offset = other.center - candidate.center
-    mine, its, apart = _surface(candidate, axis), _surface(other, axis), offset[cyclic(axis)]
-    if not forward:  # the same as the other item moving forward
-        mine, its, apart = its, mine, -apart
-    return float(least_rise(mine, its, apart, 0.0))
+    return way_between(_surface(candidate, axis), _surface(other, axis), offset, axis, forward)
 
 
 def blockers_above(placed: Sequence[ItemInBox], candidate: PlacedItem) -> tuple[int, ...]:

@@ -53,7 +53,7 @@ def surface(item: Item, axis: AxisNumber = 2) -> Surface:
         The mesh relative to the item's centre, in box units.
     """
     if axis != 2:
-        return _reordered(surface(item), axis)
+        return reordered(surface(item), axis)
     shrink = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
     mesh = item.mesh
     return Surface.of(trimesh.Trimesh(mesh.vertices * shrink, mesh.faces, process=False))
@@ -69,15 +69,15 @@ def surface(item: Item, axis: AxisNumber = 2) -> Surface:
 def posed_surface(posed: ItemInBox, axis: AxisNumber = 2) -> Surface:
     """Look up the collision mesh of an item off the grid, relative to its centre, as `surface`."""
     if axis != 2:
-        return _reordered(posed_surface(posed), axis)
+        return reordered(posed_surface(posed), axis)
     item = posed.item.turned(0)
     shrink = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
     vertices = posed.pose.direction(np.asarray(item.mesh.vertices) * shrink)
     return Surface.of(trimesh.Trimesh(vertices, item.mesh.faces, process=False))
 
 
-def _reordered(upright: Surface, axis: AxisNumber) -> Surface:
-    """Return a surface with another axis as the last one."""
+def reordered(upright: Surface, axis: AxisNumber) -> Surface:
+    """Return a surface with another axis as the last one; the order stays cyclic."""
     turned = cyclic(axis)
     return Surface(
         np.ascontiguousarray(upright.triangles[..., turned]),
@@ -113,8 +113,14 @@ def free_distance(
         Distance in box units, inf if they never meet. Parts of the other item that cross the item
         at the start, or are behind it, are ignored.
     """
-    turned = cyclic(axis)
-    mine, its, apart = surface(item, axis), surface(other, axis), offset[turned]
+    return way_between(surface(item, axis), surface(other, axis), offset, axis, forward)
+
+
+def way_between(
+    mine: Surface, its: Surface, offset: npt.NDArray[np.float64], axis: AxisNumber, forward: bool
+) -> float:
+    """Compute `free_distance` for two surfaces with this axis as the last one."""
+    apart = offset[cyclic(axis)]
     if not forward:  # the same as the other item moving forward
         mine, its, apart = its, mine, -apart
     return float(least_rise(mine, its, apart, 0.0))

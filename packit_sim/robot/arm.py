@@ -43,7 +43,7 @@ class ToolPath:
 
     @property
     def place(self) -> Floats:
-        """Where the tool releases the item."""
+        """The point at which the tool releases the item."""
         return self.insertion[-1]
 
 

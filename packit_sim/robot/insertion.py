@@ -48,9 +48,11 @@ def insertion_shifts(
         above, the others are along x, y or z, the last shift is 0. None if `RobotCell.moves` are
         not enough. Exact sweeps of the meshes decide.
     """
-    carried = (released, _column(released, grasp, cell, cells))
     if placement.is_insertable(others, released):
         return (np.zeros(3),)
+    if cell.moves == 1:
+        return None
+    carried = (released, _column(released, grasp, cell, cells))
     paths: list[tuple[Floats, ...]] = [(np.zeros(3),)]
     for _ in range(cell.moves - 1):
         longer: list[tuple[Floats, ...]] = []
@@ -72,11 +74,7 @@ def _starts(
     reaches = []
     for axis, sign in _MOVES:
         reach = float(max(cells)) * CELL if axis == 2 else _room(carried[0], end, axis, sign, cells)
-        for body in carried:
-            here = _shifted(body, end)
-            ways = (placement.free_way(here, other, axis, sign > 0) for other in others)
-            reach = min([reach, *ways])
-        reaches.append(reach)
+        reaches.append(min([reach, *(_way(others, body, end, axis, sign) for body in carried)]))
     for count in range(1, int(max(reaches) / TURN_STEP) + 1):
         for (axis, sign), reach in zip(_MOVES, reaches, strict=True):
             if count * TURN_STEP <= reach:
@@ -99,11 +97,18 @@ def _is_free(
         axis = next(axis for axis, _ in _MOVES if end[axis] != start[axis])
         away = float(end[axis] - start[axis])
         for body in carried[: 1 if axis == 2 else 2]:  # a tube moves up and down within itself
-            here = _shifted(body, start)
-            ways = (placement.free_way(here, other, axis, away > 0) for other in others)
-            if min(ways, default=np.inf) < abs(away):
+            if _way(others, body, start, axis, away) < abs(away):
                 return False
     return True
+
+
+def _way(
+    others: Sequence[PosedItem], body: PosedItem, shift: Floats, axis: AxisNumber, sign: float
+) -> float:
+    """Return how far a shifted body can move along an axis until it meets an item."""
+    here = _shifted(body, shift)
+    ways = (placement.free_way(here, other, axis, sign > 0) for other in others)
+    return min(ways, default=np.inf)
 
 
 def _shifted(posed: PosedItem, shift: Floats) -> PosedItem:

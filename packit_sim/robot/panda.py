@@ -32,13 +32,10 @@ from packit_sim.robot.cell import PANDA, TILTED_TOOL, TUBE, WALL, Cells, RobotCe
 from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
 from packit_sim.robot.motion import along
 from packit_sim.robot.paths import find_path
-from packit_sim.robot.urdf import tilting_tip
+from packit_sim.robot.urdf import TILT, tilting_tip
 
 LEVEL = (0, 1, 3, 6)
 """The joints that are chosen, and the tool's; the others follow."""
-
-TILT = 1.6
-"""Largest angle by which the tool tilts to either side at level 2, radians."""
 
 TILT_SPEED = 2.61
 """Largest speed of the tool's joint, rad/s: that of the wrist."""

@@ -7,6 +7,9 @@ from lxml import etree
 from packit_sim.robot.arm import CUP
 from packit_sim.robot.cell import TILTED_TOOL, TUBE
 
+TILT = 1.6
+"""Largest angle by which a tilting tool turns to a side, radians."""
+
 
 def link(name: str, mass: float, size: tuple[float, float, float], at: float) -> str:
     """Return a link: a box whose middle is at a height, or nothing if it has no size; m and kg."""
@@ -44,7 +47,7 @@ def joint(
 def tilting_tip(low: float) -> str:
     """Return the tool's end below a link "head": an axis that tilts it from an angle on, a tube."""
     return (
-        joint("tilt", "revolute", ("head", "tube"), "0 1 0", low, 1.6, TILTED_TOOL)
+        joint("tilt", "revolute", ("head", "tube"), "0 1 0", low, TILT, TILTED_TOOL)
         + link("tube", 0.2, (TUBE, TUBE, TILTED_TOOL - CUP), (CUP - TILTED_TOOL) / 2)
         + '<joint name="tip" type="fixed"><parent link="tube"/><child link="tool"/>'
         f'<origin xyz="0 0 {-TILTED_TOOL}"/></joint>' + link("tool", 0.2, (0, 0, 0), 0)

@@ -21,7 +21,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.deviation import Surface
 from packit_sim.parts.packings import checked_items
 from packit_sim.parts.packings.packing import Packing
-from packit_sim.placement import AxisNumber, cyclic, least_rise
+from packit_sim.placement import AxisNumber, cyclic, least_rise, reordered
 
 Direction = Literal["up", "+x", "-x", "+y", "-y", "down"]
 
@@ -225,12 +225,7 @@ class PartSweeps:
         key = placement.type, turn, placement.scale, drawn_in, axis
         if key not in self._surfaces:
             if axis != 2:
-                upright, turned = self._surface(number, drawn_in, 2), cyclic(axis)
-                self._surfaces[key] = Surface(
-                    np.ascontiguousarray(upright.triangles[..., turned]),
-                    np.ascontiguousarray(upright.boxes[..., turned]),
-                    upright.starts,
-                )
+                self._surfaces[key] = reordered(self._surface(number, drawn_in, 2), axis)
             else:
                 item_type = self.packing.types[placement.type]
                 extents = item_type.extents * placement.scale / self.unit

@@ -18,8 +18,8 @@ SHORTEST = 1.5
 """How hard an item is to place: its hull's volume times this power of its shortest side."""
 
 TAKEN = 0.4
-"""What an item takes of a box: this power of its hull's volume, less than 1 since large items find
-no place later."""
+"""Power of an item's hull volume that stands for the space it takes of a box; it is less than 1,
+since large items find no place later."""
 
 CROWDED = 0.75
 """Volume of all items, as a share of the box's, from which on that decides: many stay outside."""
