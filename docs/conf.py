@@ -44,7 +44,7 @@ nitpick_ignore_regex = [
         r"packit_sim\.(box\.BaseBox|core\.typed_json\.JsonRecord|engine\..*"
         r"|game\.envs\.(pictures\.Pictured|specs\.WritableSpec)"
         r"|game\.evaluation\.executed\.Executed"
-        r"|geometry\.(items\.(AtPose|ItemT|PosedItem)|parts\.Parts|voxels\.Voxels)"
+        r"|geometry\.(deviation\.Surface|items\.(AtPose|ItemT|PosedItem)|parts\.Parts|voxels\.Voxels)"
         r"|libraries\.sources\.Source"
         r"|parts\.nesting\.balance\.Balance"
         r"|parts\.packings\.(checked_items\.CheckedItem|containers\.(Container|Measured))"
