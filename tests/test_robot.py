@@ -114,6 +114,17 @@ def test_a_trajectory_is_read_as_it_was_written(box: RobotBox) -> None:
             Trajectory.from_bytes(data, shapes.__getitem__)
 
 
+def test_an_item_moves_once_the_cup_has_risen(box: RobotBox) -> None:
+    for number, one in enumerate(box.placed):
+        own = one.recording
+        mine = own.rows[:, 1] == number
+        steps, poses = own.rows[mine, 0], own.poses[mine]
+        released = poses[np.searchsorted(steps, own.held[1], side="right") - 1]
+        after = (steps >= own.held[1]) & (steps < own.held[1] + 12)
+        assert np.abs(poses[after] - released).max(initial=0) < 1e-5
+        assert own.joints[own.held[1] + 12, 2] > own.joints[own.held[1], 2] + 0.001
+
+
 def test_measures_follow_from_the_trajectory(box: RobotBox) -> None:
     written = Trajectory.of(CELL, CELLS, box.placed)
     shapes = {item.shape.id: item.shape for item in ITEMS}

@@ -21,8 +21,8 @@ from packit_sim.robot.recording import MOVED, Recording
 from packit_sim.robot.world import ArmWorld
 
 _RISING_STEPS = 12
-"""Time steps after a release from which the arm collides with items: by then the cup has risen from
-the item's convex pieces, which are thicker than its mesh."""
+"""Time steps for which an item stays where the cup lets it go: by then the cup has risen from the
+item's convex pieces, which are thicker than its mesh."""
 
 _DIP = 0.25 * TILTED_TOOL
 """Metres by which a cup goes down at most while the tool is turned on a straight move."""
@@ -65,7 +65,7 @@ def execute(
     """Put one item into the box, in a new world in which everything starts at rest.
 
     The exact swept test must have proved that the item meets nothing on its way down: its convex
-    pieces, which are thicker than its mesh, collide with nothing before the release.
+    pieces, which are thicker than its mesh, collide with nothing before the cup has risen from it.
 
     Parameters
     ----------
@@ -106,12 +106,13 @@ def execute(
         run.held_from()
         hold = cell.gripper.force(radius)
         lost = run.drive(route.carry, (hold, hold * radius))
-        world.collide(item, True)
-        world.sleep(resting, False)
-        world.let_go()
+        world.let_go(item)
         run.held_until()
         way = route.leave if lost is None else route.after_loss(lost)
         run.drive(way[:_RISING_STEPS])
+        world.release()
+        world.collide(item, True)
+        world.sleep(resting, False)
         world.collide_arm(True)
         run.drive(way[_RISING_STEPS:])
         run.rest()

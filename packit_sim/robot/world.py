@@ -99,7 +99,7 @@ class ArmWorld(World):
         return np.array([state[0] for state in states]) / self._units
 
     def present(self, pieces: Sequence[Piece], mass: float) -> int:
-        """Add an item that a fixture holds, and that collides with nothing."""
+        """Add an item that stays where it is, and collides with nothing, until it is gripped."""
         item = self.add(pieces, mass, carried=True)
         body = self._items[item].number
         self._pybullet.changeDynamics(
@@ -111,10 +111,7 @@ class ArmWorld(World):
             physicsClientId=self._client,
         )
         self.collide(item, False)
-        position, xyzw = self._pybullet.getBasePositionAndOrientation(
-            body, physicsClientId=self._client
-        )
-        self._fixture = self._constraint(body, -1, Motion.from_xyzw(xyzw, np.array(position)))
+        self._fix(item)
         return item
 
     def collide(self, item: int, enabled: bool) -> None:
@@ -162,13 +159,18 @@ class ArmWorld(World):
         self._grip = self._constraint(
             body, self._tool, world_from_item.seen_from(world_from_tool), self._arm
         )
-        self._remove(self._fixture)
-        self._fixture = None
+        self.release()
 
-    def let_go(self) -> None:
-        """Detach the item."""
+    def let_go(self, item: int) -> None:
+        """Detach the item, which stays where it is until it is released."""
+        self._fix(item)
         self._remove(self._grip)
         self._grip = None
+
+    def release(self) -> None:
+        """Let the item move that stayed where it was."""
+        self._remove(self._fixture)
+        self._fixture = None
 
     @property
     def load(self) -> tuple[float, float]:
@@ -193,6 +195,13 @@ class ArmWorld(World):
         properties = self._items[item].properties
         box_from_axes = Motion(properties.axes, properties.center)
         return pose.seen_from(box_from_axes)
+
+    def _fix(self, item: int) -> None:
+        body = self._items[item].number
+        position, xyzw = self._pybullet.getBasePositionAndOrientation(
+            body, physicsClientId=self._client
+        )
+        self._fixture = self._constraint(body, -1, Motion.from_xyzw(xyzw, np.array(position)))
 
     def _constraint(self, body: int, link: int, where: Motion, arm: int | None = None) -> int:
         """Fix a body to a link, or to the world: where it is in the link's frame."""
