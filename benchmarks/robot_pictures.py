@@ -105,7 +105,8 @@ def labelled(trajectory: Trajectory, attempt: int, step: int) -> Any:
         at = SIDE * (0.5 + x / w / 2), SIDE * (0.5 - y / w / 2)
         end = at[0] + 45, at[1] - 20
         draw.line((at, end), fill=(20, 20, 20))
-        draw.text((end[0] + 3, end[1] - 8), name, fill=(20, 20, 20), font_size=15)
+        own = (end[0] + 3, end[1] - 8)
+        draw.text(own, name, (20, 20, 20), font_size=15, stroke_width=3, stroke_fill="white")
     return np.asarray(image)
 
 

@@ -315,12 +315,12 @@ def _with_settings(values: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _changed(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> list[str]:
-    """List the settings that are not the default as NAME=VALUE."""
+def _changed(values: Mapping[str, Any], defaults: Mapping[str, Any], group: str = "") -> list[str]:
+    """List the settings that are not the default as NAME=VALUE, those of a group as GROUP.NAME."""
     found = []
     for name, value in values.items():
         if isinstance(value, Mapping):
-            found += _changed(value, defaults[name])
+            found += _changed(value, defaults[name], f"{group}{name}.")
         elif value != defaults[name]:
-            found.append(f"{name}={value!r}")
+            found.append(f"{group}{name}={value!r}")
     return found

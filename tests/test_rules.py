@@ -34,7 +34,9 @@ def test_rules_have_a_name_for_messages_and_tables(text) -> None:
 
 
 def test_rules_with_another_world_have_another_name() -> None:
-    assert str(Rules(physics=WORLD)) == "PackIt, physics friction=0.7 method='bisection'"
+    assert str(Rules(physics=WORLD)) == (
+        "PackIt, physics friction=0.7 decomposition.method='bisection'"
+    )
 
 
 @pytest.mark.parametrize("rules", [*CASES.values(), Rules(True, physics=WORLD)], ids=str)
