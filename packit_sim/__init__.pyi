@@ -33,6 +33,7 @@ from .game.explorer.collection import PackCollection as PackCollection
 from .game.explorer.explorer import Explorer as Explorer
 from .game.generation.evolution import evolve as evolve
 from .game.generation.puzzles import cut_puzzle as cut_puzzle
+from .game.generation.sequences import ItemSampler as ItemSampler
 from .game.generation.sequences import SequenceSampler as SequenceSampler
 from .game.generation.task_sampler import TaskSampler as TaskSampler
 from .geometry.shapes import Item as Item

@@ -31,7 +31,7 @@ from packit_sim.game.episodes.agents import GROUND_TRUTH, Agent
 from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.game.evaluation.evaluation import evaluate
 from packit_sim.game.evaluation.results import Rollout, read_results
-from packit_sim.game.generation.sequences import SequenceSampler
+from packit_sim.game.generation.sequences import ItemSampler, SequenceSampler
 from packit_sim.geometry.polycubes import polycube
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
@@ -167,6 +167,28 @@ def test_sequences_follow_from_their_seed_alone(tmp_path) -> None:
         sequence(seed, items=50).digest for seed in range(3)
     ]
     assert verify_dataset(files[0].parent, blockout()).is_valid
+
+
+def test_items_of_a_dataset_make_sequences_in_the_same_split(tmp_path) -> None:
+    options = ("--items-of", "everyday-v1", "--split", "validation", "--sequences", 2, "--seed", 5)
+    packit("datasets", "sequences", *options, "--items", 30, "--out", tmp_path)
+    library = ShapeLibrary.open("everyday")
+    tasks = load_tasks("everyday-v1", library, "validation")
+    sampler = ItemSampler(library, tasks, 30)
+    found = load_tasks(tmp_path, library, "validation")
+    assert [task.digest for task in found] == [
+        sampler.pack(seed).task(library).digest for seed in (5, 6)
+    ]
+    given = {item.key for task in tasks for item in task.items}
+    drawn = [item.key for task in found for item in task.items]
+    assert len(drawn) == 60 and set(drawn) <= given and len(set(drawn)) > 40
+    assert sampler(np.random.default_rng(5)).digest == found[0].digest
+    with pytest.raises(ArgumentError, match="0 different boxes"):
+        ItemSampler(library, ())
+    with pytest.raises(ArgumentError, match="2 different boxes"):
+        ItemSampler(library, (*tasks, sequence()))
+    with pytest.raises(ArgumentError, match="items 0 is not possible"):
+        ItemSampler(library, tasks, 0)
 
 
 def test_shapes_of_unknown_size_make_no_sequence() -> None:

@@ -175,32 +175,57 @@ def archive(
 def sequences(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the dataset.")],
     library: Annotated[
-        str, typer.Option("--library", help="Library of the shapes, which have real sizes.")
-    ] = "blockout",
+        str | None,
+        typer.Option(
+            "--library", help="Library of the shapes, which have real sizes; default: blockout."
+        ),
+    ] = None,
+    items_of: Annotated[
+        str | None,
+        typer.Option("--items-of", help="Dataset whose items are drawn instead, at their sizes."),
+    ] = None,
+    split: SplitOption = None,
     count: Annotated[int, typer.Option("--sequences", min=1, help="Number of sequences.")] = 500,
     items: Annotated[int, typer.Option(min=1, help="Number of items of a sequence.")] = 50,
     seed: SeedOption = 0,
     cells: Annotated[
-        tuple[int, int, int], typer.Option(metavar="X Y Z", help="Cells of the box.")
-    ] = (20, 20, 20),
+        tuple[int, int, int] | None,
+        typer.Option(metavar="X Y Z", help="Cells of the box; default: 20 20 20."),
+    ] = None,
     step_cm: Annotated[
-        float, typer.Option(help="Length of a grid step, which is 4 cells, in cm.")
-    ] = 5.9,
+        float | None,
+        typer.Option(help="Length of a grid step, which is 4 cells, in cm; default: 5.9."),
+    ] = None,
 ) -> None:
-    """Draw sequences of items, at real size, for the online game.
+    """Draw sequences of items for the online game: shapes at real size, or items of a dataset.
 
-    Each shape is drawn with the same probability.
-
-    The defaults are those of the benchmark BlockOut. Sequence n has the seed SEED + n.
+    Each is drawn with the same probability. Sequence n has the seed SEED + n. The defaults are
+    those of the benchmark BlockOut.
 
     Example: packit datasets sequences --out blockout
+
+    Example: packit datasets sequences --items-of everyday-v1 --split test --out online
     """
     if out.is_file():
         raise ArgumentError(f"--out {out} is a file: choose a folder for the dataset")
-    sampler = packit_sim.SequenceSampler(
-        packit_sim.ShapeLibrary.open(library), cells, step_cm, items
-    )
-    file = out / f"{pack_files.WHOLE}.jsonl"
+    sampler: packit_sim.SequenceSampler | packit_sim.ItemSampler
+    if items_of is None:
+        if split:
+            raise ArgumentError("--split has no effect without --items-of: leave it out")
+        sampler = packit_sim.SequenceSampler(
+            packit_sim.ShapeLibrary.open(library or "blockout"),
+            cells or (20, 20, 20),
+            5.9 if step_cm is None else step_cm,
+            items,
+        )
+    else:
+        given = {"--library": library, "--cells": cells, "--step-cm": step_cm}
+        for name in (name for name, value in given.items() if value is not None):
+            raise ArgumentError(f"{name} has no effect with --items-of: leave it out")
+        opened = pack_files.dataset_library(items_of, split)
+        tasks = packit_sim.load_tasks(items_of, opened, split)
+        sampler = packit_sim.ItemSampler(opened, tasks, items)
+    file = out / f"{split or pack_files.WHOLE}.jsonl"
     output.prepare_folder(file)
     packit_sim.write_packs(file, [sampler.pack(seed + n) for n in range(count)])
     output.print_written(file, f": {count} sequences")

@@ -1,8 +1,9 @@
-"""Sequences of shapes at their real sizes: tasks for the online game."""
+"""Sequences of items that are drawn at random: tasks for the online game."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.packs import MAX_SCALE, ItemRecord, LibraryRef, Pack, Task
 from packit_sim.game.datasets.provenance import Drawn
 from packit_sim.geometry.lattice import CELL, STEP, Triple, box_cells
+from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import SizeCm
 
@@ -83,6 +85,10 @@ class SequenceSampler:
         """Draw a task, as an environment wants it."""
         return self._pack(rng).task(self.library)
 
+    def item(self, id: str) -> Item:
+        """Return a shape of the library at its real size."""
+        return Item(self.library[id], self._scale(id))
+
     def _pack(self, rng: np.random.Generator, seed: int | None = None) -> Pack:
         ids = self.library.ids
         drawn = [ids[n] for n in rng.integers(len(ids), size=self.items)]
@@ -99,3 +105,61 @@ class SequenceSampler:
         if size is None:
             raise ArgumentError(f"the real size of shape {id!r} is not known: choose other shapes")
         return size
+
+
+@dataclass(frozen=True)
+class ItemSampler:
+    """Draws the items of a task from those of other tasks, each with the same probability.
+
+    They have the sizes of the items of a benchmark, and mostly more volume than fits into the box.
+
+    Parameters
+    ----------
+    library : ShapeLibrary
+        The library of the tasks.
+    tasks : sequence of Task
+        The tasks, all with the same box.
+    items : int
+        Number of items of a task.
+
+    Raises
+    ------
+    ArgumentError
+        If a value is not possible, there are no tasks, or their boxes differ.
+
+    Examples
+    --------
+    >>> from packit_sim import Episode, ItemSampler, Rules, ShapeLibrary, load_tasks
+    >>> library = ShapeLibrary.open("everyday")
+    >>> sampler = ItemSampler(library, load_tasks("starter", library), items=12)
+    >>> task = sampler.pack(seed=0).task(library)
+    >>> len(task.items), int(Episode(task, Rules(buffer=3)).visible.sum())
+    (12, 3)
+    """
+
+    library: ShapeLibrary
+    tasks: Sequence[Task]
+    items: int = 40
+
+    def __post_init__(self) -> None:
+        check_range("items", self.items, (self.items >= 1, "1 or more"))
+        boxes = {task.cells for task in self.tasks}
+        if len(boxes) != 1:
+            raise ArgumentError(
+                f"the tasks have {len(boxes)} different boxes: choose tasks with one box"
+            )
+
+    def pack(self, seed: int) -> Pack:
+        """Draw a sequence from a seed: an empty box with all items outside."""
+        return self._pack(np.random.default_rng(seed), seed)
+
+    def __call__(self, rng: np.random.Generator) -> Task:
+        """Draw a task, as an environment wants it."""
+        return self._pack(rng).task(self.library)
+
+    def _pack(self, rng: np.random.Generator, seed: int | None = None) -> Pack:
+        items = [item for task in self.tasks for item in task.items]
+        drawn = [items[n] for n in rng.integers(len(items), size=self.items)]
+        outside = tuple(ItemRecord(item.shape.id, item.scale) for item in drawn)
+        library = LibraryRef.of(self.library)
+        return Pack(library, self.tasks[0].cells, (), 0.0, Drawn(seed=seed), outside)
