@@ -1,11 +1,15 @@
-"""Pack sequences of BlockOut's kind online, by our rules and searches, next to published results.
+"""Pack sequences of BlockOut's kind online, by our agents, next to published results.
 
-    .venv/bin/python -m benchmarks.online                  (15 minutes; resumable)
+    .venv/bin/python -m benchmarks.online                  (an hour; resumable)
     .venv/bin/python -m benchmarks.online --sequences 50 --agent "oldest-first/lowest/blbf+lns=10"
+    .venv/bin/python -m benchmarks.online --sequences 500 --agent "knows all arrivals"
 
 Sequence n is drawn with the seed n. Each agent plays each sequence with each buffer, by the
 kinematic rule, with rotations about the vertical axis only. The number of packed shapes of each
 game is kept in `benchmarks/results/online.json`; games that it contains are not played again.
+
+"knows all arrivals" is no agent of the game: a beam of 1,000 states, by the bundled values of
+columns, that sees the whole sequence. What it packs can be packed; more may be possible.
 
 Utilisation is the nominal volume of the packed shapes, each four cubes of 0.059 m, over that of the
 published bin, 0.32 x 0.32 x 0.30 m.
@@ -23,11 +27,18 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.common import argument_parser, write_json
-from packit_sim import Agent, Rules, ShapeLibrary, evaluate
+from packit_agents.online.column_kernels import plan
+from packit_agents.online.policies import bundled_tables
+from packit_sim import Agent, Rules, ShapeLibrary, Task, evaluate
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.game.generation.sequences import SequenceSampler
 
-AGENTS = ("best-fit/best-fit/best-fit", "oldest-first/lowest/blbf")
+AGENTS = ("best-fit/best-fit/best-fit", "oldest-first/lowest/blbf", "blockout", "blockout-ahead")
+
+KNOWING = "knows all arrivals"
+
+WIDTH = 1_000
+"""States that it keeps after each placement."""
 
 BUFFERS = (1, 3, 5, 10)
 
@@ -48,15 +59,30 @@ def play(runs: dict[str, Any], file: Path, agent: str, buffer: int, sequences: i
     sampler = SequenceSampler(ShapeLibrary.open("blockout"), CELLS, CELL_CM)
     rules = Rules(kinematic=True, buffer=buffer, rotations="yaw")
     run = runs.setdefault(agent, {}).setdefault(str(buffer), {"packed": [], "seconds": 0.0})
-    player = Agent.from_name(agent)
+    player = None if agent == KNOWING else Agent.from_name(agent)
     for seed in range(len(run["packed"]), sequences):
         started = time.thread_time()
         task = sampler.pack(seed).task(sampler.library)
-        (rollout,) = evaluate([player], [task], 0, rules=rules, numbers=[seed])
-        run["packed"].append(len(rollout.pack.items))
+        if player is None:
+            packed = pack_knowing(task, buffer)
+        else:
+            (rollout,) = evaluate([player], [task], 0, rules=rules, numbers=[seed])
+            packed = len(rollout.pack.items)
+        run["packed"].append(packed)
         run["seconds"] += time.thread_time() - started
         if seed % CHECKPOINT == CHECKPOINT - 1 or seed == sequences - 1:
             write_json(file, runs)
+
+
+def pack_knowing(task: Task, buffer: int) -> int:
+    """Return how many shapes a beam packs that knows all arrivals."""
+    tables = bundled_tables()
+    shapes = np.array([tables.game.shape(item) for item in task.arriving.items])
+    counts = np.bincount(shapes[:buffer], minlength=len(tables.game.shapes))
+    heights = tables.game.heights(())
+    arrays = tables.game.arrays, tables.arrays(buffer)
+    _, packed = plan(heights, counts, shapes[buffer:], *arrays, len(shapes), WIDTH, 0)
+    return int(packed)
 
 
 def rows(runs: dict[str, Any]) -> list[list[str]]:

@@ -52,6 +52,7 @@ DIFFERENT = {
     "--agent",  # one, or several
     "--backend",  # threads, or processes
     "--box",  # one, or several
+    "--buffer",  # one, or several
     "--clearance",  # with a unit, or in that of an instance
     "--container",  # one, or several
     "--film",  # with the other files of a folder, or a file

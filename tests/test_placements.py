@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from packit_agents.learning.tensor_files import TensorFileError
 from packit_agents.placements import placement_features as described
 from packit_agents.placements.free_kernels import corners
 from packit_agents.placements.free_space import FreeSpace
-from packit_agents.placements.network import PlacementNetwork, PlacementWeightsError
+from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import (
     FEATURES,
     PLACEMENT_FEATURES,
@@ -456,24 +457,24 @@ def test_weights_are_read_as_they_were_written(tmp_path) -> None:
 
 def test_weights_that_do_not_fit_are_refused(tmp_path, monkeypatch) -> None:
     file = tmp_path / "net.safetensors"
-    with pytest.raises(PlacementWeightsError, match="there are no weights at"):
+    with pytest.raises(TensorFileError, match="there are no weights at"):
         PlacementNetwork.read(file)
     file.write_bytes(b"what")
-    with pytest.raises(PlacementWeightsError, match="damaged"):
+    with pytest.raises(TensorFileError, match="damaged"):
         PlacementNetwork.read(file)
     broken = network().tensors
     broken["mean"][0] = np.nan
     PlacementNetwork(broken, {}).write(file)
-    with pytest.raises(PlacementWeightsError, match="finite"):
+    with pytest.raises(TensorFileError, match="finite"):
         PlacementNetwork.read(file)
     tensors = network().tensors
     tensors["first.bias"] = np.zeros(5, np.float32)
     PlacementNetwork(tensors, {}).write(file)
-    with pytest.raises(PlacementWeightsError, match="other tensors"):
+    with pytest.raises(TensorFileError, match="other tensors"):
         PlacementNetwork.read(file)
     network().write(file)
     monkeypatch.setattr(PlacementNetwork, "features", ("other",))
-    with pytest.raises(PlacementWeightsError, match="other features"):
+    with pytest.raises(TensorFileError, match="other features"):
         PlacementNetwork.read(file)
 
 

@@ -20,6 +20,8 @@ from packit_agents.learning import pretrained
 from packit_agents.learning.networks import PackNN
 from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights
+from packit_agents.online.value_tables import ValueTables
+from packit_agents.online.value_training import ValueTrainingSettings
 from packit_agents.placements.champion_training import PlacementTrainingSettings
 from packit_agents.placements.network import PlacementNetwork
 from packit_sim.core.confidence import Estimate, format_estimate
@@ -81,6 +83,14 @@ def test_the_champion_is_of_a_training_that_can_be_done_again() -> None:
     library = ShapeLibrary.open("everyday")
     for packs, digests in provenance["tasks"].items():
         assert [task.digest for task in load_tasks(packs, library, "train")] == digests
+
+
+def test_values_of_columns_are_of_a_training_that_can_be_done_again() -> None:
+    provenance = ValueTables.read(FOLDER / "blockout.safetensors").provenance
+    settings = ValueTrainingSettings()
+    assert provenance["settings"] == json.loads(json.dumps(asdict(settings)))
+    assert provenance["library"] == ShapeLibrary.open("blockout").digest
+    assert provenance["rounds"] == settings.rounds
 
 
 def test_the_champion_plays_by_its_name_without_torch() -> None:

@@ -129,6 +129,7 @@ def test_every_table_of_files_is_compared() -> None:
         "NetworkSettings",
         "packing-of-parts",
         "parts",
+        "values-of-columns",
         "weights",
         "weights-of-placements",
     }
@@ -188,6 +189,12 @@ def test_files_lists_the_metadata_of_weights_of_placements() -> None:
     with safe_open(assets_folder() / "weights" / "champion.safetensors", "numpy") as file:
         metadata = file.metadata()
     assert set(names(tables(FILES)["weights-of-placements"])) == set(metadata)
+
+
+def test_files_lists_the_metadata_of_values_of_columns() -> None:
+    with safe_open(assets_folder() / "weights" / "blockout.safetensors", "numpy") as file:
+        metadata = file.metadata()
+    assert set(names(tables(FILES)["values-of-columns"])) == set(metadata)
 
 
 def test_files_lists_the_fields_of_the_record_of_packed_parts(tmp_path) -> None:

@@ -317,6 +317,12 @@ WRONG = [
     ("datasets sequences --out s --step-cm 1", "all shapes are larger than the box of 5 x 5 x 5"),
     ("datasets sequences --out s --cells 20 20 512 --step-cm 0.1", "shape 'i' is larger"),
     ("datasets sequences --out s --library nowhere", "'nowhere'"),
+    ("datasets sequences --out s --items-of nowhere", "nowhere"),
+    ("datasets sequences --out s --split test", "--split has no effect without --items-of"),
+    (
+        "datasets sequences --out s --items-of starter --step-cm 2",
+        "--step-cm has no effect with --items-of",
+    ),
     ("datasets archive nothing --out x", "nothing"),
     ("datasets archive nothing --shape-library --out x", "'nothing'"),
     ("datasets archive meshes --shape-library --out x", "is no stored library"),
@@ -345,6 +351,12 @@ WRONG = [
     ("train-champion --out x --train-on broken.jsonl", "has no splits"),
     ("train-champion --out x --tasks 1", "--tasks"),
     ("train-champion --out x --rounds 0", "--rounds"),
+    # train-columns
+    ("train-columns", "Missing option '--out'"),
+    ("train-columns --out file", "file is a file, not a folder"),
+    ("train-columns --out x --buffer 0", "--buffer"),
+    ("train-columns --out x --buffer 2 --buffer 2", "buffers = (2, 2) is not possible"),
+    ("train-columns --out x --games 0", "--games"),
     # agents
     ("agents bogus", "No such command 'bogus'"),
     ("agents list extra", "extra"),

@@ -54,7 +54,7 @@ COMMANDS: dict[str, dict[str, str]] = {
         "reproduce": "reproduction_commands",
         "report": "report_commands",
     },
-    LEARN: {"record": "record_command", "train": "", "train-champion": ""},
+    LEARN: {"record": "record_command", "train": "", "train-champion": "", "train-columns": ""},
     LOOK: {
         "view": "viewer_commands",
         "render": "picture_commands",

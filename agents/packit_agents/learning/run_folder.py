@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from packit_agents.learning.actor_critic import ActorCritic
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError, located
 from packit_sim.core.files import claimed, replace_text, require_free
 from packit_sim.core.version import __version__
 from packit_sim.game.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint, flat
 
-_WRITTEN = ("best.safetensors", "last.safetensors", "curve.png")
+if TYPE_CHECKING:
+    from packit_agents.learning.actor_critic import ActorCritic
+
+_WRITTEN = ("best.safetensors", "last.safetensors", "last.npz", "curve.png")
 """Files that trainings write into the folder, in addition to those that are named here."""
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,24 +9,23 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 
+from packit_agents.learning.tensor_files import (
+    TensorFileError,
+    read_tensors,
+    tensors_digest,
+    write_tensors,
+)
 from packit_agents.placements.network_kernels import score
 from packit_agents.placements.placement_features import FEATURES
 from packit_sim.core import typed_json
-from packit_sim.core.errors import PackItError, located
-from packit_sim.core.files import replacing
+from packit_sim.core.errors import located
 
 FORMAT = "packit-placements"
 
 LAYERS = ("first", "second")
 
 Scores = npt.NDArray[np.float32]
-
-
-class PlacementWeightsError(PackItError, ValueError):
-    """A file that holds no weights of a network for placements."""
 
 
 class PlacementNetwork:
@@ -77,11 +74,7 @@ class PlacementNetwork:
     @property
     def digest(self) -> str:
         """16 hex digits, equal for equal tensors."""
-        sha = hashlib.sha256()
-        for name, tensor in sorted(self.tensors.items()):
-            sha.update(f"{name} {tensor.shape}\n".encode())
-            sha.update(np.ascontiguousarray(tensor, dtype="<f4").tobytes())
-        return sha.hexdigest()[:16]
+        return tensors_digest(self.tensors)
 
     def __call__(self, features: npt.NDArray[np.float32]) -> Scores:
         """Score placements of one state.
@@ -101,13 +94,13 @@ class PlacementNetwork:
 
     def write(self, path: Path) -> None:
         """Write the network to a file of safetensors, atomically."""
-        metadata = {
-            "format": self.format,
-            "features": json.dumps(self.features),
-            "provenance": json.dumps(self.provenance),
-        }
-        with replacing(path) as file:
-            file.write(save(self.tensors, metadata))
+        write_tensors(
+            path,
+            self.format,
+            self.tensors,
+            features=self.features,
+            provenance=self.provenance,
+        )
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -120,41 +113,22 @@ class PlacementNetwork:
 
         Raises
         ------
-        PlacementWeightsError
+        TensorFileError
             If the file holds no such weights, weights for other features, or is damaged.
         """
-        if not path.is_file():
-            raise PlacementWeightsError(f"there are no weights at {path}")
-        try:
-            with safe_open(path, framework="numpy") as file:
-                metadata = file.metadata() or {}
-                slices = {name: file.get_slice(name) for name in file.keys()}  # noqa: SIM118
-                found = {name: tuple(each.get_shape()) for name, each in slices.items()}
-                kinds = {name: each.get_dtype() for name, each in slices.items()}
-                tensors = {name: file.get_tensor(name) for name in found if kinds[name] == "F32"}
-        except (SafetensorError, OSError) as error:
-            raise PlacementWeightsError(
-                f"{path} holds no weights, or is damaged: {error}"
-            ) from None
-        if metadata.get("format") != cls.format:
-            raise PlacementWeightsError(
-                f"{path} is of format {metadata.get('format')!r}: this agent reads {cls.format!r}"
-            )
-        with located(f"{path} has metadata that are damaged", PlacementWeightsError):
+        tensors, metadata = read_tensors(path, cls.format)
+        with located(f"{path} has metadata that are damaged", TensorFileError):
             features = typed_json.decode(
-                metadata.get("features", ""), list[str], PlacementWeightsError, "features"
+                metadata.get("features", ""), list[str], TensorFileError, "features"
             )
             provenance = typed_json.decode(
-                metadata.get("provenance", ""), dict[str, Any], PlacementWeightsError, "provenance"
+                metadata.get("provenance", ""), dict[str, Any], TensorFileError, "provenance"
             )
         if features != list(cls.features):
-            raise PlacementWeightsError(f"{path} was trained with other features than these")
-        width = math.prod(found.get("first.bias", ()))
-        if found != cls.shapes(width):
-            raise PlacementWeightsError(f"{path} holds other tensors than those of such a network")
-        for name in found:
-            if name not in tensors or not np.isfinite(tensors[name]).all():
-                raise PlacementWeightsError(f"{path}: {name!r} holds no finite float32 numbers")
+            raise TensorFileError(f"{path} was trained with other features than these")
+        width = math.prod(tensors["first.bias"].shape) if "first.bias" in tensors else 1
+        if {name: tensor.shape for name, tensor in tensors.items()} != cls.shapes(width):
+            raise TensorFileError(f"{path} holds other tensors than those of such a network")
         if not tensors["scale"].all():
-            raise PlacementWeightsError(f"{path}: 'scale' has a 0, by which features are divided")
+            raise TensorFileError(f"{path}: 'scale' has a 0, by which features are divided")
         return cls(tensors, provenance)

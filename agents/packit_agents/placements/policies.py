@@ -214,7 +214,7 @@ class PlacementPolicy:
 
         Raises
         ------
-        PlacementWeightsError
+        TensorFileError
             If the file can't be loaded.
         """
         return cls(value)
