@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import typer.main
 
-from packit_sim.cli import evaluations, terminal
+from packit_sim.cli import evaluations, output, terminal
 from packit_sim.cli.app import app
 from packit_sim.core.confidence import Estimate
 from tests.runs import run_packit as packit
@@ -66,7 +66,7 @@ def test_a_start_loads_few_modules(command: str) -> None:
 def test_help_has_80_columns_and_whole_words(name: str) -> None:
     lines = packit(*name.split(), "--help").stdout.splitlines()
     assert max(map(len, lines)) <= 80
-    assert not any(line.rstrip().endswith(("...", "…")) for line in lines[1:])
+    assert not any(line.rstrip().endswith(("...", "…", "-")) for line in lines[1:])
     assert not {"│", "╭"} & set("".join(lines))
 
 
@@ -136,6 +136,18 @@ def test_intervals_are_in_brackets() -> None:
     with console.capture() as shown:
         console.print(evaluations.interval(Estimate(0.5, 0.25, 0.75), ".3f", ".2f"))
     assert shown.get().split("\n")[:2] == ["0.500", "[0.25 0.75]"]
+
+
+@pytest.mark.parametrize("width", [30, 80, 400])
+def test_intervals_fold_at_no_width(width: int) -> None:
+    cell = evaluations.interval(Estimate(100, 99.25, 100), ".1f", ".2f")
+    table = output.NumberTable("", *"abcdefgh")
+    table.add_row("1", *[cell] * 8)
+    console = terminal.PlainConsole(file=io.StringIO(), width=width)
+    with console.capture() as shown:
+        console.print(table)
+    assert shown.get().count("[99.25 100.00]") == 8
+    assert max(map(len, shown.get().split("\n"))) <= width
 
 
 def test_long_examples_can_be_copied() -> None:

@@ -7,9 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.markup import escape
-from rich.table import Table
 
-from packit_sim.cli.output import simple_table
+from packit_sim.cli.output import NumberTable
 from packit_sim.cli.terminal import console, progress_bars
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import MeshError
@@ -103,24 +102,24 @@ def judge_shown(
     return judged
 
 
-def score_table(scores: Sequence[Score]) -> Table:
+def score_table(scores: Sequence[Score]) -> NumberTable:
     """Create the paper's table 1, one row per agent, by its number."""
     levels = (f"S@{x:g}" for x in SUCCESS_LEVELS)
-    table = _number_table("", "reward", *levels, "density", "s")
+    table = NumberTable("", "reward", *levels, "density", "s")
     for number, score in enumerate(scores, start=1):
         table.add_row(
             str(number),
             interval(score.reward, ".3f", ".2f"),
             *(interval(estimate, ".1f", ".0f") for estimate in score.success.values()),
             interval(score.density, ".3f", ".2f"),
-            f"{score.seconds:.2g}",
+            f"{score.seconds:.3g}",
         )
     return table
 
 
-def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
+def verdict_table(own: Sequence[Sequence[Rollout]]) -> NumberTable:
     """Create a table of scores, one row per agent, by its number, from its rollouts."""
-    table = _number_table("", "density", "reward", *SCORES)
+    table = NumberTable("", "density", "reward", *SCORES)
     for number, rollouts in enumerate(own, start=1):
         score = Score.of(rollouts[0].agent, rollouts)
         estimates = [Estimate.of([r.played.scores[name] for r in rollouts]) for name in SCORES]
@@ -134,9 +133,9 @@ def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
     return table
 
 
-def execution_table(own: Sequence[Sequence[Rollout]]) -> Table:
+def execution_table(own: Sequence[Sequence[Rollout]]) -> NumberTable:
     """Create a table of executions, one row per agent, by its number, from its rollouts."""
-    table = _number_table("", "executed", *MEASURES, "s")
+    table = NumberTable("", "executed", *MEASURES, "s")
     for number, rollouts in enumerate(own, start=1):
         score = Score.of(rollouts[0].agent, rollouts)
         found = [Estimate.of([r.played.scores[name] for r in rollouts]) for name in MEASURES]
@@ -153,9 +152,9 @@ def execution_table(own: Sequence[Sequence[Rollout]]) -> Table:
     return table
 
 
-def plan_table(boxes: Sequence[ExecutedPlan]) -> Table:
+def plan_table(boxes: Sequence[ExecutedPlan]) -> NumberTable:
     """Create a table of executed plans, one row per box."""
-    table = _number_table("box", "items", "inside", "executed", *MEASURES)
+    table = NumberTable("box", "items", "inside", "executed", *MEASURES)
     for number, box in enumerate(boxes):
         scores = (f"{box.scores[name]:.3g}" for name in MEASURES)
         items = len(box.trajectory.attempts)
@@ -166,9 +165,9 @@ def plan_table(boxes: Sequence[ExecutedPlan]) -> Table:
 
 def comparison_table(
     comparisons: Iterable[tuple[int | str, int | str, Comparison]],
-) -> Table:
+) -> NumberTable:
     """Create a table of pairs of agents, by their numbers."""
-    table = _number_table("", "against", "tasks", "difference", "ratio", "wins", "ties", "losses")
+    table = NumberTable("", "against", "tasks", "difference", "ratio", "wins", "ties", "losses")
     for first, second, found in comparisons:
         table.add_row(
             str(first),
@@ -182,9 +181,9 @@ def comparison_table(
     return table
 
 
-def run_table(scores: Sequence[RunsScore]) -> Table:
+def run_table(scores: Sequence[RunsScore]) -> NumberTable:
     """Create a table of methods, by their numbers, over their training runs."""
-    table = _number_table(
+    table = NumberTable(
         "", "runs", "tasks", "mean", "middle half", "worst run", "best run", "difference"
     )
     for number, score in enumerate(scores, start=1):
@@ -211,13 +210,6 @@ def interval(estimate: Estimate, mean_spec: str, spec: str) -> str:
     if estimate.low is None or estimate.high is None:
         return mean
     return f"{mean}\n[dim]\\[{format(estimate.low, spec)} {format(estimate.high, spec)}][/]"
-
-
-def _number_table(*columns: str) -> Table:
-    table = simple_table(padding=(0, 1, 0, 0))
-    for column in columns:
-        table.add_column(column, justify="right")
-    return table
 
 
 def show_agents(names: Iterable[str]) -> None:

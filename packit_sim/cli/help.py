@@ -25,8 +25,31 @@ _NO_OPTION = "packit_sim.no_option"
 """Whether the first word is no option, in the `meta` of a context."""
 
 
+_HYPHEN = "\u2011"
+"""The hyphen at which no line breaks."""
+
+
+class _Formatter(typer.Context.formatter_class):  # type: ignore[valid-type,misc]
+    """Breaks lines between words only: names of agents and addresses have hyphens."""
+
+    def write_text(self, text: str) -> None:
+        super().write_text(text.replace("-", _HYPHEN))
+
+    def write_dl(self, rows: Iterable[tuple[str, str]], *widths: int) -> None:
+        super().write_dl([(name, text.replace("-", _HYPHEN)) for name, text in rows], *widths)
+
+    def write(self, string: str) -> None:
+        super().write(string.replace(_HYPHEN, "-"))
+
+
+class _Context(typer.Context):
+    formatter_class = _Formatter
+
+
 class Group(TyperGroup):
     """Commands with their whole summaries in `--help`."""
+
+    context_class = _Context
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         ctx.meta[_NO_OPTION] = bool(args) and not args[0].startswith("-")
@@ -49,6 +72,8 @@ class Group(TyperGroup):
 
 class Command(TyperCommand):
     """A command whose examples in `--help` can be copied: long ones go on after a backslash."""
+
+    context_class = _Context
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         for paragraph in (self.epilog or "").split("\n\n"):
@@ -122,8 +147,8 @@ def documented(app: typer.Typer) -> typer.Typer:
         ]
         examples = [one.removeprefix(_EXAMPLE) for one in paragraphs if one.startswith(_EXAMPLE)]
         command.help = "\n\n".join(one for one in paragraphs if not one.startswith(_EXAMPLE))
+        command.cls = Command
         if examples:
-            command.cls = Command
             heading = "Examples:" if len(examples) > 1 else "Example:"
             command.epilog = "\n\n".join([heading, *(f"  $ {example}" for example in examples)])
     return app
