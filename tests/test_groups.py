@@ -107,7 +107,7 @@ def test_the_search_knows_kits() -> None:
     packed = pack(kits, (31, 31, 33), settings=replace(QUICK, groups=["kit"]))
     (inside,) = contents(packed)
     assert inside.total() == 14 and len(inside) == 1
-    assert {each.reason for each in packed.left_out} == {"its kit does not fit whole"}
+    assert {each.reason for each in packed.left_out} == {"the whole kit does not fit"}
     assert [each.count for each in packed.left_out] == [14] * 3
 
 

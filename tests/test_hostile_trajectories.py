@@ -181,7 +181,7 @@ def test_a_replay_replaces_only_replays(tmp_path: Path) -> None:
     assert write_replay(trajectory(), tmp_path / "ours") == file
     mesh = file.parent / json.loads(file.read_text())["attempts"][0]["mesh"]
     mesh.write_text("mine")
-    with pytest.raises(ArgumentError, match="is there with another content"):
+    with pytest.raises(ArgumentError, match="exists with other content"):
         write_replay(trajectory(), tmp_path / "ours")
     assert mesh.read_text() == "mine"
 

@@ -324,7 +324,11 @@ SCALE = {"x": 0.5, "y": 0.5, "z": 0.5}
         (("positions", 0), [0, 0, 0], r"field 'positions\[0\]' is \[0, 0, 0\]: expected object"),
         (("positions", 2, "z"), MISSING, r"field 'positions\[2\]\.z' is missing"),
         (("positions", 2, "z"), float("inf"), r"field 'positions\[2\]\.z' is inf"),
-        (("scales",), [SCALE], "field 'scales' has 1 entry, 'sources' has 3: they must be as many"),
+        (
+            ("scales",),
+            [SCALE],
+            "field 'scales' has 1 entry, 'sources' has 3: both must have as many",
+        ),
         (("scales", 1, "x"), -0.5, r"field 'scales\[1\]\.x' is -0\.5: expected float >= 0\.01"),
         (("scales", 1, "y"), float("nan"), r"field 'scales\[1\]\.y' is nan"),
         (("scales", 1, "z"), 2, r"field 'scales\[1\]\.z' is 2: expected float <= 1\.75"),

@@ -156,7 +156,9 @@ def test_other_commands_do_not_replace_files_of_others(
 def test_a_training_begins_in_a_folder_without_such_files(tmp_path) -> None:
     folders = pytest.importorskip("packit_agents.learning.run_folder")  # needs torch
     (tmp_path / "best.safetensors").write_text("mine")
-    with pytest.raises(ArgumentError, match=r"best\.safetensors is there, and not of this command"):
+    with pytest.raises(
+        ArgumentError, match=r"best\.safetensors exists, and this command did not write it"
+    ):
         folders.RunFolder(tmp_path, {"settings": 1})
     folder = tmp_path / "training"
     folders.RunFolder(folder, {"settings": 1})
@@ -278,7 +280,7 @@ def test_a_file_that_appears_during_the_search_stays(tmp_path, caplog) -> None:
     part = Part("a", creation.box((4, 3, 2)))
     pack([part], BOX, out=tmp_path, settings=QUICK, callback=appear)
     assert (tmp_path / "packing.stl").read_text() == "mine"
-    assert "packing.stl is not written: there is a file of others" in caplog.text
+    assert "packing.stl is not written: another program wrote that name" in caplog.text
     assert "packing.stl" not in recorded(tmp_path) and (tmp_path / "packing.glb").exists()
 
 
@@ -356,7 +358,7 @@ def test_a_file_of_another_kind_is_not_replaced(tmp_path, command, name) -> None
     kinds = ("mine", '[{"file": "a.stl"}]') if "nest" in command else ("mine",)
     for content in kinds:
         file.write_text(content)
-        with pytest.raises(ArgumentError, match=rf"{name} is there, and not a file that this"):
+        with pytest.raises(ArgumentError, match=rf"{name} exists, and is not a file that this"):
             packit(*command.split(), file)
         assert contents(tmp_path) == {name: content.encode()}
 
@@ -373,10 +375,10 @@ def test_nest_replaces_its_own_files_and_no_input(tmp_path) -> None:
     before = contents(tmp_path)
     (mesh, *_) = sorted((tmp_path / "instance-out").iterdir())
     for option, output in (("--instance-out", instance), ("--packing", instance), ("--out", mesh)):
-        with pytest.raises(ArgumentError, match=r"is an input|is there, and not a file"):
+        with pytest.raises(ArgumentError, match=r"is an input|exists, and is not a file"):
             packit("nest", instance, *NEST, option, output)
     mesh.write_text("mine")
-    with pytest.raises(ArgumentError, match=rf"{mesh.name} is there with another content"):
+    with pytest.raises(ArgumentError, match=rf"{mesh.name} exists with other content"):
         packit("nest", "rings-12", *NEST, *options)
     mesh.write_bytes(before[mesh.relative_to(tmp_path).as_posix()])
     assert contents(tmp_path) == before
@@ -391,7 +393,7 @@ def test_meshes_next_to_an_exported_packing_are_not_replaced(tmp_path) -> None:
         packit("export", "starter", "-o", file)
     mesh = next((tmp_path / "box-meshes").iterdir())
     mesh.write_text("mine")
-    with pytest.raises(ArgumentError, match=rf"{mesh.name} is there with another content"):
+    with pytest.raises(ArgumentError, match=rf"{mesh.name} exists with other content"):
         packit("export", "starter", "-o", file)
     assert mesh.read_text() == "mine"
 

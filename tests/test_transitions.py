@@ -219,7 +219,9 @@ def test_more_than_a_bound_of_memory_is_refused(tmp_path, tasks, folder, monkeyp
 
 def test_files_of_others_are_not_replaced(tmp_path, tasks, folder) -> None:
     (tmp_path / "000001.npz").write_text("mine")
-    with pytest.raises(ArgumentError, match=r"000001.npz is there, and not of this command"):
+    with pytest.raises(
+        ArgumentError, match=r"000001.npz exists, and this command did not write it"
+    ):
         record(tmp_path, tasks, 2)
     assert [file.read_text() for file in tmp_path.iterdir()] == ["mine"]
     copy = shutil.copytree(folder, tmp_path / "copy")

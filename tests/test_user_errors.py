@@ -53,11 +53,11 @@ WRONG = [
     ("pack good.off --preset /dev/zero --out x", "/dev/zero: not a regular file"),
     (
         "pack good.off --box 9x9x9 --out x --save-preset manifest.csv",
-        "manifest.csv is there, and not a file that this command writes",
+        "manifest.csv exists, and is not a file that this command writes",
     ),
     ("pack good.off --box 9x9x9 --out x --save-preset good.off", "good.off is an input"),
     ("pack good.off --box 9x9x9 --out x --keep-out=", "the name of a file is empty"),
-    ("execute packing.json --replay replays", "box-0/replay.json is there, and not a file that"),
+    ("execute packing.json --replay replays", "box-0/replay.json exists, and is not a file that"),
     ("pack good.off --preset absent.json --out x", "absent.json: No such file"),
     (
         "pack good.off --box 9x9x9 --out x --balance 10",

@@ -190,7 +190,7 @@ def test_a_moved_part_is_checked_and_accepted_only_where_it_is_free(bench) -> No
     outside = post(bench, "/moves", moves(rod, (25, 10, 5)))[1]["conflicts"]
     assert outside[0]["parts"] == [rod] and "reaches" in outside[0]["text"]
     turned = post(bench, "/moves", moves(cube, (20, 10, 0), turns=1))[1]["conflicts"]
-    assert turned[0]["text"] == "cube: it may not turn so"
+    assert turned[0]["text"] == "cube: it may not be turned like this"
 
     assert post(bench, "/moves", {**onto, "accept": True})[0] == 200
     refused = wait(bench, lambda one: not one["busy"])

@@ -30,7 +30,7 @@ def doctor_command(
 ) -> None:
     """Check what works on this machine, and print remedies.
 
-    It checks the packages (those that may crash in other processes), EGL, the cores, the memory and
+    It checks the packages (in separate processes if they may crash), EGL, the cores, the memory and
     the cache folders. Exit code 1 if something required is broken.
 
     Example: packit doctor --compile

@@ -73,7 +73,10 @@ def evaluate_command(
     support: Annotated[
         float,
         typer.Option(
-            min=0, max=1, metavar="SHARE", help="Least share of an item's base that must rest."
+            min=0,
+            max=1,
+            metavar="SHARE",
+            help="Least share of an item's base that rests on something.",
         ),
     ] = 0.0,
     boxes: Annotated[int, typer.Option(min=1, help="Pack each task into N equal boxes.")] = 1,

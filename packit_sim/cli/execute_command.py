@@ -73,13 +73,13 @@ def execute_command(
     ] = 1,
     edge: Annotated[
         float | None,
-        typer.Option(help="Metres in a box unit; 0.3 by default. A packing has its real size."),
+        typer.Option(help="Metres in a box unit; default: 0.3. Packings keep their real size."),
     ] = None,
     moves: Annotated[
         int,
         typer.Option(
-            help="Straight moves that insert an item at most: with 1 it comes straight down. For "
-            "packings, --stored, and agents with --all-masks."
+            help="Most straight moves to insert an item; with 1 it comes straight down. More are "
+            "for packings, --stored, and agents with --all-masks."
         ),
     ] = 1,
     open_loop: Annotated[
@@ -93,8 +93,8 @@ def execute_command(
         bool | None,
         typer.Option(
             "--reachable/--all-masks",
-            help="Whether agents see only placements that the arm can hold and reach; they do by "
-            "default.",
+            help="Show agents only placements that the arm can hold and reach (the default), or "
+            "all.",
         ),
     ] = None,
     seed: SeedOption = 0,

@@ -56,7 +56,7 @@ def figures_command(
     agent: Annotated[
         str, typer.Option(autocompletion=completion.agents, help="Agent of the rollouts.")
     ] = HEURISTIC,
-    tasks: Annotated[int, typer.Option(min=1, help="Let it play only the first N tasks.")] = 40,
+    tasks: Annotated[int, typer.Option(min=1, help="Play only the first N tasks.")] = 40,
     seed: SeedOption = 0,
 ) -> None:
     """Draw the paper's figures from our data.

@@ -155,7 +155,7 @@ def pack_command(
         bool | None,
         typer.Option(
             "--separate/--joined",
-            help="Pack each part of a file's scene by itself; default: of 3MF, STEP.",
+            help="Pack each part of a file's scene by itself; default: for 3MF and STEP.",
         ),
     ] = None,
     accuracy: Annotated[
@@ -209,7 +209,7 @@ def pack_command(
     The folder gets packing.3mf, .glb, .stl, .png, .html (the report with a 3D view) and .json with
     the poses. Every distance applies to your files, which are reread and checked at the end.
     Ctrl-C writes the best packing so far; the same command resumes from it. The time includes
-    reading, and as far as possible the check and all files.
+    reading and, as far as possible, the check and all files.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
     no_stack (yes: nothing may rest on it), max_load (g), clearance, group, max_tilt, down, stop,

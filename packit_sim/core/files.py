@@ -134,7 +134,7 @@ def require_replaceable(path: Path, inputs: Iterable[Path] = (), field: str | No
     known = not expected or start.startswith(expected)
     if start and not (known and (field is None or json.dumps(field).encode() in content)):
         raise ArgumentError(
-            f"{path} is there, and not a file that this command writes: choose another name, or "
+            f"{path} exists, and is not a file that this command writes: choose another name, or "
             "remove it"
         )
 
@@ -155,7 +155,7 @@ def require_free(folder: Path, names: Iterable[str]) -> None:
     for name in names:
         if os.path.lexists(path := folder / name):
             raise ArgumentError(
-                f"{path} is there, and not of this command: choose another folder, or remove it"
+                f"{path} exists, and this command did not write it: choose another folder, or remove it"
             )
 
 
@@ -165,11 +165,11 @@ def require_same(path: Path, content: bytes) -> None:
     Raises
     ------
     ArgumentError
-        If it is there with another content.
+        If it exists with other content.
     """
     if os.path.lexists(path) and not (path.is_file() and path.read_bytes() == content):
         raise ArgumentError(
-            f"{path} is there with another content, and would be replaced: choose another name, or "
+            f"{path} exists with other content, and would be replaced: choose another name, or "
             "remove it"
         )
 

@@ -377,4 +377,4 @@ def _require_new_id(id: str, taken: Container[str]) -> None:
             "each part beginning with a letter, a digit or '_'"
         )
     if id.casefold() in taken:
-        raise LibraryError(f"shape id {id!r} is there twice")
+        raise LibraryError(f"shape id {id!r} occurs twice")

@@ -200,7 +200,9 @@ def _serve(host: str, port: int) -> viser.ViserServer:
             server = viser.ViserServer(address, port, label="PackIt-Sim", verbose=False)
         if not started:
             server.stop()
-            raise RenderError(f"viser {viser.__version__} serves pages in an unknown way: get 1.1")
+            raise RenderError(
+                f"viser {viser.__version__} serves pages in an unknown way: install 1.1"
+            )
         if port and server.get_port() != port:
             server.stop()
             raise refused(host, port, "another program has just taken it")

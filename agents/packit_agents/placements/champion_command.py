@@ -31,7 +31,7 @@ def train_champion_command(
         ),
     ] = None,
     tasks: Annotated[
-        int | None, typer.Option(min=2, help="Number of train tasks of each dataset, the first.")
+        int | None, typer.Option(min=2, help="Train only on the first N tasks of each dataset.")
     ] = None,
     rounds: Annotated[int | None, typer.Option(min=1, help="Number of rounds.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,

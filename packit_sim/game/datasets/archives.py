@@ -271,7 +271,7 @@ def write_archive(metadata: Metadata, card: str, folder: Path) -> Path:
     Raises
     ------
     ArgumentError
-        If the folder has files, or the ZIP file is there with another content.
+        If the folder has files, or the ZIP file exists with other content.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ArgumentError(f"{folder} is not an empty folder: choose another --out")

@@ -97,7 +97,7 @@ class OriginalPack(Struct):
             if len(entries) != len(self.sources):
                 raise PackFormatError(
                     f"field {name!r} has {counted(len(entries), 'entry', 'entries')}, "
-                    f"'sources' has {len(self.sources)}: they must be as many"
+                    f"'sources' has {len(self.sources)}: both must have as many"
                 )
         rows = zip(self.sources, self.scales, self.rotations, strict=True)
         return [

@@ -355,9 +355,11 @@ def _episodes(dataset: Any) -> Iterator[Any]:
         for episode in dataset.iterate_episodes():
             count = len(episode)
             if episode.actions.shape != (count,) or episode.actions.dtype.kind not in "iu":
-                raise RecordingError(f"episode {episode.id} has not one integer action per step")
+                raise RecordingError(
+                    f"episode {episode.id} does not have one integer action per step"
+                )
             if episode.rewards.shape != (count,):
-                raise RecordingError(f"episode {episode.id} has not one reward per step")
+                raise RecordingError(f"episode {episode.id} does not have one reward per step")
             yield episode
 
 
@@ -365,7 +367,9 @@ def _rows(episode: Any) -> Iterator[Observation]:
     with readable(f"episode {episode.id}"):
         stages, masks = episode.observations["stage"], episode.observations["action_mask"]
         if stages.shape != masks.shape[:1] or masks.ndim != 2:
-            raise RecordingError(f"episode {episode.id} has not one stage and one mask per step")
+            raise RecordingError(
+                f"episode {episode.id} does not have one stage and one mask per step"
+            )
         for step in range(len(episode)):
             yield {key: column[step] for key, column in episode.observations.items()}
 

@@ -93,7 +93,7 @@ def surplus(
                 found[number, group] = "its group is in another box"
             own = _totals(groups, boxes[best])[group]
             if "kit" in rules and own < _totals(groups, asked)[group]:
-                found[best, group] = "its kit does not fit whole"
+                found[best, group] = "the whole kit does not fit"
     if "apart" in rules:
         for number in range(len(boxes)):
             inside = [g for g in sorted(places) if number in places[g] and (number, g) not in found]

@@ -164,7 +164,7 @@ class PackedParts:
         if is_full:
             return "a limit of the box is reached"
         is_kit = "kit" in task.settings.groups and task.parts[number].part.group is not None
-        return "its kit does not fit whole" if is_kit else "no space was found"
+        return "the whole kit does not fit" if is_kit else "no space was found"
 
     @cached_property
     def score(self) -> tuple[float, ...]:

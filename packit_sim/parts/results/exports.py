@@ -162,7 +162,7 @@ def write_result(
                 written.append(name)
             progress(f"writing {name}", n + 1, len(steps))
         for name in [name for name in written if os.path.lexists(folder / name)]:
-            _log.warning("%s is not written: there is a file of others by now", folder / name)
+            _log.warning("%s is not written: another program wrote that name", folder / name)
             written.remove(name)
         update_record(packed, found, folder, meshes | {n: digest_of(new / n) for n in written})
         for name in written:

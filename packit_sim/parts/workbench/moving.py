@@ -212,7 +212,7 @@ def _moved(packed: PackedParts, box: int, move: Move) -> tuple[Placement, str]:
     if placed:
         return placed[0], ""
     fault = faults[0][1]
-    return after, "it may not turn so" if fault.startswith("its rotation") else fault
+    return after, "it may not be turned like this" if fault.startswith("its rotation") else fault
 
 
 def _key(one: Placement) -> tuple[int, bytes]:
