@@ -155,7 +155,8 @@ def require_free(folder: Path, names: Iterable[str]) -> None:
     for name in names:
         if os.path.lexists(path := folder / name):
             raise ArgumentError(
-                f"{path} exists, and this command did not write it: choose another folder, or remove it"
+                f"{path} exists, and this command did not write it: choose another folder, or "
+                "remove it"
             )
 
 
