@@ -29,6 +29,7 @@ extensions = [
     "command_pages",
     "public_names",
     "root_pages",
+    "thumbnails",
 ]
 exclude_patterns = ["examples", "static", "templates"]
 templates_path = ["templates"]

@@ -70,10 +70,12 @@ def test_the_search_finds_what_newcomers_type(site) -> None:
 
 
 def test_pictures_of_examples_have_alternative_texts(site) -> None:
+    index = (site / "gallery" / "index.html").read_text(encoding="utf-8")
     for example in DOCS.glob("examples/plot_*.py"):
         title = example.read_text(encoding="utf-8").splitlines()[1]
         page = (site / "gallery" / f"{example.stem}.html").read_text(encoding="utf-8")
         assert f'alt="{title}"' in page, example.name
+        assert f'alt="{title}"' in index, example.name
 
 
 def test_the_tables_of_the_leaderboard_fit(chromium, site) -> None:
