@@ -34,7 +34,7 @@ try "packit export starter --out parts.3mf --unit-mm 300"
 try "packit pack parts.3mf --box 300x300x300mm --time 20s --out packed"
 try "packit verify packed/packing.json"
 try "packit demo" 3
-try "packit evaluate starter --tasks 5 --agent largest-first/aligned/blbf --out results.jsonl" 4
+try "packit evaluate starter --tasks 5 --agent largest-first/aligned/blbf --out results.jsonl" 11
 try "packit verify results.jsonl"
 try "packit render demo --out again.png"
 case ,$extras, in *,report,*) try "packit report results.jsonl --out report.html" ;; esac

@@ -3,14 +3,18 @@
 import io
 import json
 import os
+import re
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import Any
 
+import numba
 import pytest
 import typer.main
+from numba.core import event
 
-from packit_sim.cli import evaluations, output, terminal
+from packit_sim.cli import compilation_bar, evaluations, output, terminal
 from packit_sim.cli.app import app
 from packit_sim.core.confidence import Estimate
 from tests.runs import run_packit as packit
@@ -129,6 +133,24 @@ def test_only_a_terminal_gets_progress(is_terminal: bool, monkeypatch: pytest.Mo
     with terminal.progress_bars() as progress:
         progress.update(progress.add_task("packing", total=2, note="2 parts"), advance=2)
     assert ("2 parts" in shown.getvalue()) is is_terminal
+
+
+def test_a_bar_counts_kernels_while_they_are_compiled() -> None:
+    column, task = compilation_bar.NoteColumn(), SimpleNamespace(fields={"note": "2 parts"})
+    assert column.render(task).plain == "2 parts"
+    shown: list[str] = []
+
+    class Compiling(event.Listener):
+        def on_start(self, event: object) -> None:
+            shown.append(column.render(task).plain)
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Compiling()):
+        numba.njit(lambda x: x)(2)
+    assert re.fullmatch(r"compiling, once: [━╌]{10} \d+ of at most \d+", shown[0])
+    assert column.render(task).plain == "2 parts"
 
 
 def test_intervals_are_in_brackets() -> None:

@@ -19,6 +19,7 @@ from rich.progress import (
 )
 from rich.segment import Segment
 
+from packit_sim.cli.compilation_bar import NoteColumn
 from packit_sim.core.plain_text import plain
 
 LOGGERS = ("packit_sim", "packit_agents")
@@ -43,7 +44,7 @@ console = PlainConsole()
 def progress_bars() -> Progress:
     """Create progress bars with a count, the elapsed and remaining time, and a field `note`.
 
-    They are only shown in a terminal.
+    They are only shown in a terminal. While kernels are compiled, a bar of these replaces the note.
     """
     return Progress(
         SpinnerColumn(),
@@ -52,7 +53,7 @@ def progress_bars() -> Progress:
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}", markup=False),
+        NoteColumn(),
         console=console,
         disable=not console.is_terminal,
     )
