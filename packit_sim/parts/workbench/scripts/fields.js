@@ -1,7 +1,15 @@
 // Fields of the order that are generated from one table, with their values as the server reads them.
 import { choice, element, get } from "./page.js";
 
-const AT_LEAST_0 = "Choose a number of at least 0.";
+// What numbers are possible by their kinds, and what the page says of others.
+const LIMITS = {
+  any: [{ min: 0 }, "Choose a number of at least 0."],
+  positive: [{ min: 1e-9 }, "Choose a number above 0."],
+  seconds: [{ min: 1, max: 86400, required: true }, "Choose 1 to 86,400 seconds."],
+  count: [{ min: 1, step: 1 }, "Choose a whole number from 1 on."],
+  angle: [{ min: 0, max: 180 }, "Choose 0 to 180 degrees."],
+  share: [{ min: 0.1, max: 50 }, "Choose 0.1 to 50 percent."],
+};
 const GRAMS = ["g", "kg", "oz", "lb"];
 
 const SIDES = { "z-": "the bottom, as in the file", "z+": "the top", "x-": "the left", "x+": "the right", "y-": "the front", "y+": "the back" };
@@ -21,11 +29,11 @@ const FIELDS = [
   { in: "Rules for all parts", name: "door", label: "Parts come in through", kind: "select", choices: {
     "z+": "the top", "x-": "the left side (x-)", "x+": "the right side (x+)", "y-": "the front (y-)", "y+": "the back (y+)" } },
   { in: "Rules for all parts", name: "order", label: "in the order of a delivery: parts of later stops are not in the way", kind: "flag", on: "delivery" },
-  { in: "Rules for all parts", name: "stable", label: "Most that one may move under gravity", kind: "length", hint: "any" },
+  { in: "Rules for all parts", name: "stable", label: "Most that one may move under gravity", kind: "length", isPositive: true, hint: "any" },
   { in: "How parts may turn", name: "max_tilt", label: "Most that one leans, in degrees", kind: "angle", hint: "any" },
   { in: "Sides that may face down (none: any)", name: "down", label: "", kind: "choices", isText: true, choices: SIDES },
   { in: "Boxes and limits", name: "boxes", label: "Number of boxes of each size", kind: "count", hint: "auto" },
-  { in: "Boxes and limits", name: "max_mass", label: "Most mass in a box", kind: "mass", hint: "any" },
+  { in: "Boxes and limits", name: "max_mass", label: "Most mass in a box", kind: "mass", isPositive: true, hint: "any" },
   { in: "Boxes and limits", name: "max_parts", label: "Most parts in a box", kind: "count", isList: true, hint: "any" },
   { in: "Boxes and limits", name: "balance", label: "Centre of gravity off the middle, at most in %", kind: "share", hint: "any" },
   { in: "Printing in powder", name: "even", label: "spread the parts' area evenly over the height", kind: "flag" },
@@ -71,12 +79,9 @@ function labelled(field) {
     select.setAttribute("aria-describedby", `fault-${where}`);
     return element("label", `${field.label} `, {}, select);
   }
-  Object.assign(input, { type: "number", step: "any", min: 0, value: field.value || "", placeholder: field.hint || "" });
-  Object.assign(input.dataset, { fault: AT_LEAST_0, name: where });
-  if (field.kind === "seconds") Object.assign(input, { min: 1, max: 86400, required: true });
-  if (field.kind === "seconds") input.dataset.fault = "Choose 1 to 86,400 seconds.";
-  if (field.kind === "count") Object.assign(input, { min: 1, step: 1 });
-  if (field.kind === "count") input.dataset.fault = "Choose a whole number from 1 on.";
+  const [limits, fault] = LIMITS[field.isPositive ? "positive" : field.kind] || LIMITS.any;
+  Object.assign(input, { type: "number", step: "any", value: field.value || "", placeholder: field.hint || "", ...limits });
+  Object.assign(input.dataset, { fault, name: where });
   const made = element("label", `${field.label} `, {}, input);
   if (field.kind === "mass") {
     const unit = element("select", null, { name: `${field.name}_unit` }, ...GRAMS.map((name) => element("option", name)));
