@@ -149,7 +149,7 @@ def test_other_commands_do_not_replace_files_of_others(
     file.parent.mkdir()
     file.write_text("mine")
     done = run_packit(*command.format(part=part, file=file, folder=file.parent).split())
-    assert done.returncode == 2 and f"{file} is there" in done.stderr, done
+    assert done.returncode == 2 and f"{file} exists" in done.stderr, done
     assert contents(file.parent) == {name: b"mine"}
 
 
