@@ -19,13 +19,16 @@ TESTS = tuple(f"tests/test_{name}.py" for name in _OF_THE_GAME)
 """The files of tests that are run on mutants of the game and its ground."""
 
 _OF_PARTS = (
-    *("bad_folders", "balance", "builtin_instances", "cells", "closed_meshes", "constraints"),
-    *("containers", "deliveries", "evening", "exact_fits", "films", "fitting", "gltf_files"),
-    *("groups", "instances", "instructions", "lattices", "limits", "motions", "nest", "nest_cli"),
-    *("nest_conflicts", "nesting_types", "nesting_validity", "own_files", "pack", "pack_cli"),
-    *("pack_results", "packing_film", "packing_page", "part_lists", "plates", "public_reports"),
-    *("rebuilding", "removal", "requests", "resuming", "separability", "stacking", "state_checks"),
-    *("workbench", "workbench_orders", "workbench_page"),
+    *("as_many_as_fit", "bad_folders", "balance", "box_lists", "builtin_instances", "cells"),
+    *("closed_meshes", "compaction", "constraints", "containers", "deliveries", "distances"),
+    *("evening", "exact_fits", "films", "fitting", "gltf_files", "groups", "hostile_parts"),
+    *("instances", "instructions", "lattices", "layers", "limits", "motions", "named_containers"),
+    *("nest", "nest_cli", "nest_conflicts", "nesting_types", "nesting_validity", "number_bounds"),
+    *("own_files", "pack", "pack_cli", "pack_limits", "pack_results", "packing_film"),
+    *("packing_page", "part_lists", "plates", "platforms", "public_reports", "rebuilding"),
+    *("removal", "requests", "resuming", "same_packings", "separability", "settling"),
+    *("several_boxes", "stacking", "state_checks", "step_files", "turning", "workbench"),
+    *("workbench_orders", "workbench_page"),
 )
 TESTS_OF_PARTS = tuple(f"tests/test_{name}.py" for name in _OF_PARTS)
 """The files of tests that are run on mutants of what packs parts."""

@@ -251,3 +251,10 @@ def test_a_type_may_be_given_its_volume() -> None:
     assert ItemType("a", mesh.vertices, mesh.faces).volume == pytest.approx(6)
     known = ItemType("a", mesh.vertices, mesh.faces, known_volume=5.5)
     assert known.volume == known.changed(demand=2).volume == 5.5
+
+
+def test_a_matrix_is_a_placement_in_the_first_container_unless_it_says_so() -> None:
+    matrix = np.diag((2.0, 2, 2, 1))
+    own = Placement.from_matrix(3, matrix)
+    assert (own.type, own.box) == (3, 0) and own.scale == pytest.approx(2.0)
+    assert Placement.from_matrix(3, matrix, 1).box == 1

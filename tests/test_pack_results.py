@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 import json
 import time
 from dataclasses import replace
@@ -188,6 +189,8 @@ def test_neighbours_differ_in_colour(types) -> None:
     assert all(np.abs(np.subtract(*pair)).max() > 0.05 for pair in pairwise(colors))
     if types == 2:
         assert not set(colors[::2]) & set(colors[1::2])
+    hues = {round(colorsys.rgb_to_hsv(*color)[0], 2) for color in colors[::types]}
+    assert (len(hues) == 1) == (types > 1)  # all hues where there is nothing else to tell apart
 
 
 # The command

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,13 +19,16 @@ from packit_sim.parts.filling.candidates import in_order
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.settings import PackSettings
+from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results.check import check
 from packit_sim.parts.results.record import write_record
 from packit_sim.parts.results.resuming import read_earlier
+from packit_sim.parts.results.verification import verify_record
 
 Record = dict[str, Any]
 
@@ -195,3 +200,94 @@ def test_parts_keep_the_distance_to_the_floor_when_they_are_lowered() -> None:
 def _warnings(caplog: pytest.LogCaptureFixture) -> Iterator[None]:
     with caplog.at_level("WARNING", "packit_sim"):
         yield
+
+
+OTHER_TASKS: dict[str, dict[str, Any]] = {
+    "the same": {},
+    "clearance": {"clearance": 2.0},
+    "clearance along z": {"clearance_z": 0.5},
+    "walls": {"wall_clearance": 3.0},
+    "accuracy": {"accuracy": 0.5},
+    "unit": {"unit": "cm"},
+    "removable": {"removable": True},
+    "insertable": {"insertable": True},
+    "separable": {"separable": True},
+    "stable": {"stable": 1.0},
+    "limits": {"limits": Limits(max_parts=2)},
+    "groups": {"groups": ["kit"]},
+    "other groups": {"groups": ["together"]},
+    "door": {"door": "x+"},
+    "order": {"order": "delivery"},
+    "keep out": {"keep_out": [Part("c", creation.box((5, 5, 5)))]},
+    "fixed": {"fixed": [Part("c", creation.box(bounds=((9, 9, 9), (14, 14, 14))))]},
+    "objective": {"objective": "count"},
+    "box": {"box": BoxType((100, 100, 61))},
+    "count of boxes": {"box": BoxType((100, 100, 60), count=2)},
+    "name of the box": {"box": BoxType((100, 100, 60), "b")},
+    "cylinder of that name": {"box": CylinderContainer(100, 60, name="b")},
+    "count of parts": {"part": {"count": 4}},
+    "rotations": {"part": {"rotations": "fixed"}},
+    "mesh": {"part": {"mesh": creation.box((41, 30, 20))}},
+    "value": {"part": {"value": 2.0}},
+    "clearance of a part": {"part": {"clearance": 3.0}},
+}
+
+
+SAME_BOX = BoxType((100, 100, 60))
+
+
+def digest(
+    box: Any = SAME_BOX,
+    objective: Any = "volume",
+    part: dict[str, Any] | None = None,
+    **settings: Any,
+) -> str:
+    own = {"mesh": creation.box((40, 30, 20)), "group": "g", "stop": 1, "mass": 1.0, **(part or {})}
+    given = {"clearance": 1.0, "wall_clearance": 2.0, "unit": "mm", **settings}
+    return prepared_task([Part("a", **own)], [box], objective, PackSettings(**given)).digest
+
+
+def test_only_a_packing_of_the_same_task_is_resumed() -> None:
+    """Each change of what decides which packing is better is another task; others are not."""
+    digests = {name: digest(**change) for name, change in OTHER_TASKS.items()}
+    names = list(digests)
+    same = [(a, b) for n, a in enumerate(names) for b in names[:n] if digests[a] == digests[b]]
+    assert same == []
+    for change in ({"workers": 2}, {"iterations": 7}, {"even": True}):
+        assert digest(**change) == digests["the same"]
+
+
+@pytest.mark.parametrize("scale", [0.01, 1.0, 1000.0])
+@pytest.mark.parametrize(
+    ("gap", "count"), [(1.0, 0), (0.6, 0), (0.4, 1), (0.01, 1), (-0.2, 2), (-4.0, 2)]
+)
+def test_the_check_is_the_same_in_all_lengths(scale: float, gap: float, count: int) -> None:
+    block = Part("a", creation.box(np.array((4.0, 3, 2)) * scale), 3)
+    box = BoxType((20 * scale, 10 * scale, 5 * scale))
+    task = prepared_task([block], [box], "volume", PackSettings(clearance=0.5 * scale, unit="mm"))
+    middles = (3, 4, 2), (16, 4, 2), (3 + 4 + gap, 4, 2)
+    places = tuple(Placement(0, Motion.shift(scale * np.array(each))) for each in middles)
+    packing = Packing(task.types, task.container(box), places, task.gap, "knapsack")
+    found = check(PackedParts(task, (packing,)))
+    assert len(found.problems) == count
+    assert found.distance == pytest.approx(max(gap, 0.0) * scale)
+
+
+DIGITS = {"volume": 6, "height": 5, "mass": 5, "centre of gravity": 4}
+
+
+@pytest.mark.parametrize("name", DIGITS)
+@pytest.mark.parametrize(("steps", "is_wrong"), [(1, False), (-1, False), (3, True), (-3, True)])
+def test_a_summary_may_differ_by_one_in_the_last_digit(
+    name: str, steps: int, is_wrong: bool, tmp_path: Path
+) -> None:
+    write_record(packed(mass=1234.56), None, tmp_path, {})
+    file = tmp_path / "packing.json"
+    record = json.loads(file.read_text())
+    text = record["summary"][name]
+    (number, *_) = re.findall(r"\d[\d.]*(?:e[-+]?\d+)?", text)
+    step = 10 ** (math.floor(math.log10(float(number))) + 1 - DIGITS[name])
+    record["summary"][name] = text.replace(number, f"{float(number) + steps * step:.9g}", 1)
+    file.write_text(json.dumps(record))
+    problems = [each.sentence for each in verify_record(file).problems]
+    assert any(f"summary's {name!r}" in each for each in problems) == is_wrong, problems
