@@ -12,7 +12,7 @@ from packit_sim.web.box_view import rgb
 
 _TABLE = "width:100%;border-collapse:collapse;font-size:12px;line-height:1.35"
 _NUMBER = "text-align:right;padding:1px 4px;font-variant-numeric:tabular-nums;white-space:nowrap"
-_NAME = "text-align:left;padding:1px 4px;overflow-wrap:anywhere"
+_NAME = "text-align:left;padding:1px 4px;overflow-wrap:break-word"
 _HEAD = "font-weight:600;border-bottom:1px solid #adb5bd"
 _CHOSEN = "background:#fff3bf;color:#212529"
 _AWAY = "opacity:0.5"
