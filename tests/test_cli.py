@@ -151,7 +151,7 @@ def test_a_folder_of_ones_own_meshes_is_packed(tmp_path) -> None:
         (["evaluate", "absent.jsonl"], "absent.jsonl: No such file"),
         (
             ["evaluate", "starter", "--agent", "best/aligned/blbf"],
-            "no shape policy 'best': choose from best-fit, champion, largest-box-first,",
+            "no shape policy 'best': choose from best-fit, blockout, blockout-ahead, champion,",
         ),
         (["render", "broken.jsonl", "--out", "x.png"], "broken.jsonl, line 1"),
         (["shapes", "list", "--library", "nowhere"], "'nowhere'"),

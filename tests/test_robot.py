@@ -528,11 +528,11 @@ def test_an_open_loop_sees_the_plan_but_drives_through_nothing() -> None:
 
 def test_a_placement_that_topples_is_foreseen() -> None:
     box = RobotBox(CELLS, CELL)
-    box.put(block(8, 8, 8), (0, 0, 0))
+    box.put(block(8, 8, 8), (1, 1, 0))
     before = box.snapshot()
-    whole = box.disturbance(SLAB, (0, 0, 2))
-    assert whole > 1 and 0.3 < box.disturbance(SLAB, (0, 0, 2), 0.3) < 1  # ends early
-    assert box.disturbance(SLAB, (0, 2, 0)) < 0.1
+    whole = box.disturbance(SLAB, (1, 1, 2))
+    assert whole > 1 and 0.3 < box.disturbance(SLAB, (1, 1, 2), 0.3) < 1  # ends early
+    assert box.disturbance(SLAB, (0, 3, 0)) < 0.1
     assert box.snapshot() == before
 
 
