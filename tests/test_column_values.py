@@ -69,7 +69,7 @@ def value(heights: np.ndarray, buffer: int = 4) -> float:
 
 
 def lowest(form: np.ndarray, heights: np.ndarray, x: int, y: int) -> int:
-    """Where a form comes to rest, by its columns."""
+    """Height at which a form comes to rest, by its columns."""
     columns = form[FORM_START : FORM_START + 4 * form[4]].reshape(-1, 4)
     return max(0, *(int(heights[(x + i) * 5 + y + j] - low) for i, j, low, _ in columns.tolist()))
 

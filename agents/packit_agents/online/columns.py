@@ -39,7 +39,7 @@ MAX_SHAPES = 100
 """Shapes of a game, at most."""
 
 FORM_START = 5
-"""Where the columns of a form begin in its row (see `ColumnGame.forms`)."""
+"""Index of the first column in the row of a form (see `ColumnGame.forms`)."""
 
 
 @dataclass(frozen=True)
