@@ -37,6 +37,7 @@ from packit_sim.game.datasets.provenance import RETURN_SLACK
 from packit_sim.game.evaluation.learning_curves import TrainingRecord
 from packit_sim.geometry.arrays import Floats
 from packit_sim.render import plots
+from packit_sim.rules import PACKIT
 
 SHORT = PlacementTrainingSettings(rounds=20, drawn=10)
 
@@ -123,7 +124,8 @@ def train(name: str, folder: Path) -> tuple[str, dict[str, list[float]]]:
         network = PlacementNetwork.read(folder / "best.safetensors")
         totals = {
             dataset: [
-                best_return(task, network) for task in load_tasks(dataset, split="validation")
+                best_return(task, PACKIT, network)
+                for task in load_tasks(dataset, split="validation")
             ]
             for dataset in DATASETS
         }

@@ -35,11 +35,18 @@ class BaseBox(ABC, Generic[ItemT]):
     cells : sequence of int, default: (100, 100, 100)
         Cells along x, y and z, whole grid steps. A cell is 1/100 of a box unit.
 
+    Attributes
+    ----------
+    kinematic : bool
+        Whether an item must come straight down from above, which only a `Box` can ask for.
+
     Raises
     ------
     ArgumentError
         If the cells are not possible.
     """
+
+    kinematic: bool = False
 
     def __init__(self, cells: Sequence[int] = BOX_CELLS) -> None:
         self._occupancy: Occupancy[ItemT] = Occupancy(box_cells(cells))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from packit_agents.learning.run_folder import TrainingError
+from packit_agents.learning.tensor_files import TensorFileError
 from packit_agents.placements.champion_training import (
     PlacementTraining,
     PlacementTrainingSettings,
@@ -28,6 +29,8 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.game.datasets.pack_files import dataset_file, load_tasks
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.rules import PACKIT, Rules
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +79,8 @@ def test_decisions_of_better_plays_become_more_probable() -> None:
 
 @pytest.mark.slow
 def test_plays_of_a_task_begin_with_the_same_items(tasks) -> None:
-    network = first_network(tasks[:1], 4, 0)
-    first, second = plays(tasks[0], network, 2, (0, 7))
+    network = first_network(tasks[:1], PACKIT, 4, 0)
+    first, second = plays(tasks[0], PACKIT, network, 2, (0, 7))
     layout, rng = new_layout(tasks[0]), np.random.default_rng((0, 7))
     whole = play(layout, network, rng)
     assert layout.volume / tasks[0].volume == first.total
@@ -95,7 +98,7 @@ def test_plays_of_a_task_begin_with_the_same_items(tasks) -> None:
 
 
 def test_hidden_layers_add_nothing_at_first(tasks) -> None:
-    network = first_network(tasks[:1], 4, 0)
+    network = first_network(tasks[:1], PACKIT, 4, 0)
     features = np.random.default_rng(1).normal(size=(5, len(FEATURES))).astype(np.float32)
     scores = network(features)
     rule = {"log volume": 48.0, "contact": 24.0, "top": -6.0}
@@ -136,9 +139,28 @@ def test_a_training_resumes_with_the_same_weights_whatever_the_workers(
     assert network.provenance["rounds"] == whole.best.steps
     assert len(network.provenance["tasks"][packs]) == 2
     task = load_tasks(packs, ShapeLibrary.open("everyday"), "validation")[0]
-    assert best_return(task, network) == whole.best.validation.mean
+    assert best_return(task, PACKIT, network) == whole.best.validation.mean
     with pytest.raises(TrainingError, match=r"another settings\.seed"):
         PlacementTraining(settings_of(packs, seed=1), tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_a_training_by_other_rules_begins_with_weights(packs, tmp_path) -> None:
+    file, rules = tmp_path / "first.safetensors", Rules(kinematic=True, buffer=2)
+    held_out = load_tasks(packs, ShapeLibrary.open("everyday"), "validation")
+    first = first_network(held_out, rules, 4, 3)
+    first.write(file)
+    settings = settings_of(packs, rules=rules, start=str(file), rounds=1)
+    training = PlacementTraining(settings, tmp_path / "online")
+    with Workers(1) as one:
+        training.run(one)
+    assert training.curve[0].validation.mean == best_return(held_out[0], rules, first)
+    assert best_return(held_out[0], PACKIT, first) != training.curve[0].validation.mean
+    trained = PlacementNetwork.read(tmp_path / "online" / "last.safetensors")
+    assert trained.provenance["start"] == first.digest
+    assert trained.provenance["settings"]["rules"]["buffer"] == 2
+    with pytest.raises(TensorFileError, match="absent"):
+        PlacementTraining(replace(settings, start=str(tmp_path / "absent")), tmp_path / "other")
 
 
 def test_settings_that_are_not_possible_are_named() -> None:
@@ -147,6 +169,8 @@ def test_settings_that_are_not_possible_are_named() -> None:
         ({"plays": 1}, "plays = 1"),
         ({"mixed": 2.0}, "mixed = 2"),
         ({"step": StepSettings(epochs=0)}, "epochs = 0"),
+        ({"rules": Rules(values=True)}, "by the rules PackIt, values"),
+        ({"rules": Rules(physics=PhysicsSettings())}, "by the rules PackIt, physics"),
     ):
         with pytest.raises(ArgumentError, match=named):
             PlacementTrainingSettings(**wrong)

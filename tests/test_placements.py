@@ -19,6 +19,7 @@ from packit_agents.placements.placement_features import (
     choose,
     placements,
 )
+from packit_agents.placements.playing import new_layout
 from packit_agents.placements.policies import (
     CHAMPION_LOCATION,
     CHAMPION_ROTATION,
@@ -115,6 +116,42 @@ def test_free_space_is_what_no_cells_block_whatever_was_placed_when(seed) -> Non
     space = FreeSpace.empty(items, CELLS)
     for r, turned in enumerate(space.items[0].items):
         assert (mask_of(space, 0, r, box) == box.candidates(turned)).all()
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(30)
+def test_free_space_of_a_kinematic_box_loses_only_what_is_covered(seed) -> None:
+    items, rng = drawn(seed)
+    box, plain = Box(CELLS, kinematic=True), Box(CELLS)
+    space = FreeSpace.empty(items, CELLS)
+    for item in items:
+        fill(box, [item], rng)
+        plain.restore(box.snapshot())
+        space = space.copy()
+        for n in rng.permutation(len(items))[:3].tolist():
+            for r, turned in enumerate(space.items[n].items):
+                mask = mask_of(space, n, r, box)
+                assert not (box.feasible(turned) & ~mask).any()
+                assert not (mask & ~plain.candidates(turned)).any()
+
+
+def test_a_kinematic_box_has_no_free_space_below_its_items() -> None:
+    box = Box((24, 24, 24), kinematic=True)
+    box.place(cube_of(8), (1, 1, 3))
+    space = FreeSpace.empty([cube_of(8)], box.cells)
+    assert (mask_of(space, 0, 0, box) == box.feasible(cube_of(8))).all()
+
+
+@pytest.mark.parametrize("kinematic", [False, True])
+def test_what_would_be_covered_is_lost_in_a_kinematic_box(kinematic) -> None:
+    box = Box((24, 24, 40), kinematic=kinematic)
+    box.place(cube_of(12), (0, 0, 0))
+    items = [cube_of(20), cube_of(12)]
+    found = placements(box, FreeSpace.empty(items, box.cells), np.ones(2, dtype=bool))
+    on_top = [n for n in range(len(found)) if found.items[n] == 0 and found.corners[n, 3] == 3]
+    assert on_top
+    for n in on_top:
+        assert found.lost(n) == pytest.approx(items[1].volume if kinematic else 0)
 
 
 def test_rotations_with_the_same_cells_count_once_and_those_that_do_not_fit_never() -> None:
@@ -277,7 +314,7 @@ def test_a_full_layout_is_valid_and_nothing_else_fits(seed) -> None:
     again = Box(CELLS)
     for _, placed in layout.placed:
         again.place(placed.item, placed.location)  # raises if it is infeasible
-    for n in np.flatnonzero(layout.outside).tolist():
+    for n in np.flatnonzero(layout.visible).tolist():
         assert not any(again.feasible(items[n].turned(r)).any() for r in range(24))
     assert layout.volume == pytest.approx(sum(p.item.volume for _, p in layout.placed))
     kept = layout.placed[1::2]
@@ -314,6 +351,18 @@ def test_the_three_choices_are_the_placement_with_the_highest_score(weights) -> 
             episode.step(agent.act(episode, rng))
     assert episode.end is End.COMPLETE
     assert list(box.placed) == [placed for _, placed in layout.placed]
+
+
+def test_a_layout_with_a_buffer_is_the_online_game(weights) -> None:
+    items, rng = drawn(3, 20)
+    rules = Rules(kinematic=True, buffer=3)
+    task = task_of(*(item.turned(0) for item in items), cells=CELLS)
+    scorer = PlacementNetwork.read(weights)
+    layout = new_layout(task, rules).fill(scorer, rng)
+    episode = play(task, agent_of(weights), rng, rules=rules)
+    assert episode.end is End.NO_LOCATION and len(layout.placed) > 3
+    assert list(episode.box.placed) == [placed for _, placed in layout.placed]
+    assert (layout.visible == episode.visible).all()
 
 
 @pytest.mark.parametrize("rules", [Rules(), Rules(easy=True), Rules(buffer=2)])

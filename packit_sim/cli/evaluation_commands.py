@@ -15,15 +15,17 @@ from packit_sim.cli import completion
 from packit_sim.cli.options import (
     AddressOption,
     BackendOption,
+    BufferOption,
     DatasetArgument,
     DatasetLibraryOption,
     DecompositionOption,
+    KinematicOption,
+    RotationsOption,
     SeedOption,
     SplitOption,
     WorkersOption,
 )
 from packit_sim.cli.stopping import RESUMABLE, stoppable
-from packit_sim.core.choices import RotationSet
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.game.datasets.builtin import STARTER_PACKS
@@ -52,21 +54,12 @@ def evaluate_command(
     seed: SeedOption = 0,
     library: DatasetLibraryOption = None,
     easy: Annotated[bool, typer.Option("--easy", help="Play by the rules of PackIt-Easy.")] = False,
-    kinematic: Annotated[
-        bool, typer.Option("--kinematic", help="Insert items straight down from the open top only.")
-    ] = False,
+    kinematic: KinematicOption = False,
     physics: Annotated[
         bool, typer.Option("--physics", help="Let all items settle after each placement.")
     ] = False,
-    buffer: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="K", help="Play online: items arrive one by one, K of them are visible."
-        ),
-    ] = None,
-    rotations: Annotated[
-        RotationSet, typer.Option(help="Rotations that items may have: 24, or four about z.")
-    ] = "all",
+    buffer: BufferOption = None,
+    rotations: RotationsOption = "all",
     values: Annotated[
         bool, typer.Option("--values", help="Count the values of the items, not their volumes.")
     ] = False,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from packit_sim.cli import completion
-from packit_sim.core.choices import BackendName, SearchBackend, Split
+from packit_sim.core.choices import BackendName, RotationSet, SearchBackend, Split
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.length_units import Unit
@@ -62,6 +62,18 @@ DatasetArgument = Annotated[
     ),
 ]
 SplitOption = Annotated[Split | None, typer.Option(help="Split of the dataset.")]
+KinematicOption = Annotated[
+    bool, typer.Option("--kinematic", help="Insert items straight down from the open top only.")
+]
+BufferOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1, metavar="K", help="Play online: items arrive one by one, K of them are visible."
+    ),
+]
+RotationsOption = Annotated[
+    RotationSet, typer.Option(help="Rotations that items may have: 24, or four about z.")
+]
 DecompositionOption = Annotated[
     Method, typer.Option(help="Method that decomposes shapes into convex pieces.")
 ]

@@ -8,10 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from packit_sim.cli.options import WorkersOption
+from packit_sim.cli.options import (
+    BufferOption,
+    KinematicOption,
+    RotationsOption,
+    WorkersOption,
+)
 from packit_sim.cli.stopping import RESUMABLE, stoppable
 from packit_sim.core.extras import needed_for
 from packit_sim.core.lazy_imports import lazy_imports
+from packit_sim.rules import Rules
 
 with lazy_imports():
     from packit_sim.cli import terminal
@@ -33,6 +39,13 @@ def train_champion_command(
     tasks: Annotated[
         int | None, typer.Option(min=2, help="Train only on the first N tasks of each dataset.")
     ] = None,
+    kinematic: KinematicOption = False,
+    buffer: BufferOption = None,
+    rotations: RotationsOption = "all",
+    start: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Weights to begin with; default: a rule."),
+    ] = None,
     rounds: Annotated[int | None, typer.Option(min=1, help="Number of rounds.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,
     workers: WorkersOption = 0,
@@ -53,6 +66,8 @@ def train_champion_command(
     settings = replace(
         default,
         packs=tuple(train_on or default.packs),
+        rules=Rules(kinematic=kinematic, buffer=buffer, rotations=rotations),
+        start=None if start is None else str(start),
         tasks=tasks or default.tasks,
         rounds=rounds or default.rounds,
     )

@@ -19,6 +19,7 @@ from packit_agents.placements.playing import Play, best_return, new_layout, play
 from packit_agents.placements.policy_gradient import StepSettings, improve
 from packit_sim.core.checks import POSITIVE, Range, check_settings
 from packit_sim.core.confidence import Estimate
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.version import __version__
@@ -26,6 +27,7 @@ from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.evaluation.learning_curves import CurvePoint, TrainingRecord
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import PACKIT, Rules
 
 FIRST_WEIGHTS = {"log volume": 48.0, "contact": 24.0, "top": -6.0}
 """The rule to begin with, which prefers large items, much contact and low tops."""
@@ -44,6 +46,10 @@ class PlacementTrainingSettings:
     ----------
     packs : tuple of str
         Names or paths of datasets; tasks are drawn from the train split of each.
+    rules : Rules
+        The rules by which they are played: items stay on the grid and count by their volume.
+    start : str, optional
+        File of the weights to begin with; None for a rule (see `first_network`).
     tasks : int
         Number of tasks of each, the first.
     mixed : float
@@ -67,6 +73,8 @@ class PlacementTrainingSettings:
     """
 
     packs: tuple[str, ...] = ("everyday-v1", "everyday-hard")
+    rules: Rules = PACKIT
+    start: str | None = None
     tasks: int = 300
     mixed: float = 0.8
     drawn: int = 20
@@ -93,6 +101,11 @@ class PlacementTrainingSettings:
             validate_every=Range(1),
             validation_tasks=Range(1),
         )
+        if self.rules.moves_items or self.rules.values:
+            raise ArgumentError(
+                f"training by the rules {self.rules} is not possible: choose rules by which items "
+                "stay on the grid and count by their volume"
+            )
         check_settings(
             self.step,
             "setting of a step",
@@ -153,6 +166,7 @@ class PlacementTraining:
             self._sources.append(Mixture(tasks, library, settings.mixed))
             held_out = load_tasks(packs, library, "validation")
             self._validation += held_out[: settings.validation_tasks]
+        self._start = PlacementNetwork.read(Path(settings.start)) if settings.start else None
         self._run = RunFolder(folder, self._provenance())
         self.curve: list[CurvePoint] = []
 
@@ -192,14 +206,17 @@ class PlacementTraining:
             _log.info("%s: finished in %.1f s", self.folder, time.monotonic() - started)
 
     def _resume(self, workers: Workers) -> tuple[PlacementNetwork, int, float | None]:
-        """Return the last network and how many rounds it has; at first that of the rule."""
+        """Return the last network and how many rounds it has; at first that to begin with."""
         last = self.folder / "last.safetensors"
         if last.exists():
             network = PlacementNetwork.read(last)
             done = int(network.provenance["rounds"])
             self.curve = [p for p in TrainingRecord.read(self.folder).curve if p.steps <= done]
             return network, done, None
-        network = first_network(self._validation, self.settings.width, self.settings.seed)
+        settings = self.settings
+        network = self._start or first_network(
+            self._validation, settings.rules, settings.width, settings.seed
+        )
         self._validate(network, 0, None, workers)
         return network, 0, None
 
@@ -207,7 +224,7 @@ class PlacementTraining:
         rng = np.random.default_rng((self.settings.seed, done))
         tasks = [source(rng) for source in self._sources for _ in range(self.settings.drawn)]
         jobs = [
-            (task, network, self.settings.plays, (self.settings.seed, done, n))
+            (task, self.settings.rules, network, self.settings.plays, (self.settings.seed, done, n))
             for n, task in enumerate(tasks)
         ]
         return workers.map(plays, jobs)
@@ -215,7 +232,8 @@ class PlacementTraining:
     def _validate(
         self, network: PlacementNetwork, done: int, reward: float | None, workers: Workers
     ) -> None:
-        totals = workers.map(best_return, [(task, network) for task in self._validation])
+        jobs = [(task, self.settings.rules, network) for task in self._validation]
+        totals = workers.map(best_return, jobs)
         self.curve.append(CurvePoint(done, reward, Estimate.of(np.array(totals))))
         _log.info("round %d: validation reward %.3f", done, self.curve[-1].validation.mean)
         if self.curve[-1] is self.best:
@@ -233,10 +251,11 @@ class PlacementTraining:
         }
         held_out = [task.digest for task in self._validation]
         settings = json.loads(json.dumps(asdict(self.settings)))
-        return {"settings": settings, "tasks": digests, "validation": held_out}
+        start = {} if self._start is None else {"start": self._start.digest}
+        return {"settings": settings, "tasks": digests, "validation": held_out, **start}
 
 
-def first_network(tasks: Sequence[Task], width: int, seed: int) -> PlacementNetwork:
+def first_network(tasks: Sequence[Task], rules: Rules, width: int, seed: int) -> PlacementNetwork:
     """Create the network to begin with: a rule, with hidden layers that add nothing yet.
 
     Parameters
@@ -257,7 +276,8 @@ def first_network(tasks: Sequence[Task], width: int, seed: int) -> PlacementNetw
     rule = np.array([FIRST_WEIGHTS.get(name, 0.0) for name in FEATURES], dtype=np.float32)
     seen = []
     for task in tasks:
-        seen += [d.features for d in play(new_layout(task), lambda features: features @ rule, rng)]
+        decisions = play(new_layout(task, rules), lambda features: features @ rule, rng)
+        seen += [decision.features for decision in decisions]
     features = np.concatenate(seen)
     tensors = {}
     for name, shape in PlacementNetwork.shapes(width).items():

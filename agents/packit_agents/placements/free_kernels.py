@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.compilation import inner_kernel, kernel
-from packit_sim.geometry.bits import Words
+from packit_sim.geometry.bits import HIGH, LOW, Words
 from packit_sim.geometry.voxel_kernels import ItemArrays, turn_bricks
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit
 from packit_sim.placement import (
@@ -32,6 +32,9 @@ from packit_sim.placement import (
 )
 
 _1 = np.uint64(1)
+
+_UPPER = HIGH[2] | HIGH[2] >> _1
+"""The bits at places 2 and 3 along z."""
 
 
 class TurnedArrays(NamedTuple):
@@ -212,6 +215,33 @@ def remove_blocked(box, turned, rows, spans):
                         blocked |= more | _1 << np.uint64(j)
                         left &= ~more
                 rows[r, k, i] &= ~blocked
+
+
+@kernel
+def shadow(box):
+    """Fill the cells below the outer cells of a box, and those below its inner cells.
+
+    Parameters
+    ----------
+    box : BoxArrays
+        The bricks of the box.
+
+    Returns
+    -------
+    Words
+        uint64 (2, n): the outer cells and those below them, the inner cells and those below them.
+    """
+    box = BoxArrays(*box)
+    layer = box.nx * box.ny
+    found = np.empty_like(box.bricks)
+    for n in range(2):
+        for at in range(box.bricks.shape[1] - 1, -1, -1):
+            word = box.bricks[n, at]
+            if at + layer < box.bricks.shape[1]:
+                word |= (found[n, at + layer] & LOW[2]) << np.uint64(3)
+            word |= (word & ~LOW[2]) >> _1
+            found[n, at] = word | (word & _UPPER) >> np.uint64(2)
+    return found
 
 
 @inner_kernel

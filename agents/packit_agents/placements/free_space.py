@@ -3,6 +3,10 @@
 Free space only shrinks while items are added, so only locations at which an item can meet the one
 that was added last are looked at again. Locations that are left may still be infeasible: cells do
 not block them, but the meshes decide (`Box.is_feasible`).
+
+In a kinematic box, cells also block what they cover: a location at which an inner cell of the item
+would be below an outer cell in the box, or an outer one below an inner one, can't be reached from
+above. So the item must not meet the *shadow* of the box, which also fills all cells below.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from packit_agents.placements.free_kernels import (
     fits_far,
     fits_near,
     remove_blocked,
+    shadow,
     turn_item,
 )
 from packit_sim.box import BaseBox
@@ -42,6 +47,8 @@ TURNED_BUDGET = 512 * 2**20
 
 _TABLES = [turning_swaps(rotation) for rotation in ALL_ROTATIONS]
 _MAX_SWAPS = max(map(len, _TABLES))
+_NO_FINE: Words = np.zeros((1, 64, 2), dtype=np.uint64)
+
 _SWAPS = np.stack([np.pad(table, ((0, _MAX_SWAPS - len(table)), (0, 0))) for table in _TABLES])
 """The `turning_swaps` of each rotation, with rows of zeros at the end, which have no effect."""
 
@@ -126,23 +133,35 @@ class LoneItem:
     ----------
     cells : tuple of int
         The cells of the box along x, y and z.
+    kinematic : bool
+        Whether its shadow belongs to it.
     """
 
     placed: PlacedItem
     cells: Triple
+    kinematic: bool
 
     @cached_property
     def span(self) -> npt.NDArray[np.int64]:
         """First and last brick along x, y and z: (6,)."""
         first = np.array(self.placed.location)
-        return np.concatenate([first, first + -(-np.array(self.placed.item.cells) // STEP) - 1])
+        last = first + -(-np.array(self.placed.item.cells) // STEP) - 1
+        if self.kinematic:
+            first[2] = 0
+        return np.concatenate([first, last])
 
     @cached_property
     def arrays(self) -> tuple[Any, ...]:
-        """The fields of the `BoxArrays` of the box."""
+        """The fields of the `BoxArrays` of the box, in a kinematic one of its shadow."""
         occupancy: Occupancy[PlacedItem] = Occupancy(self.cells)
         occupancy.add(self.placed)
-        return occupancy.arrays
+        return shadow_arrays(occupancy.arrays) if self.kinematic else occupancy.arrays
+
+
+def shadow_arrays(arrays: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Compute the shadow of a box, without fine cells: the fields of its `BoxArrays`."""
+    _, page, _, nx, ny = arrays
+    return shadow(arrays), np.zeros_like(page), _NO_FINE, nx, ny
 
 
 class FreeSpace:
@@ -162,6 +181,7 @@ class FreeSpace:
         self.items = items
         self._rows = list(rows)
         self._known = list(known)
+        self._shadow: tuple[int, tuple[Any, ...]] = (0, ())
 
     @classmethod
     def empty(
@@ -219,10 +239,20 @@ class FreeSpace:
             own = self._rows[item].copy()
             spans = box.spans[self._known[item] :]
             remove_blocked(box.arrays, self.items[item].arrays, own, spans)
+            if box.kinematic:
+                down = spans.copy()
+                down[:, 2] = 0
+                remove_blocked(self._shadow_of(box), self.items[item].arrays, own, down)
             self._rows[item], self._known[item] = own, count
         if is_checking():
             self._assert_same_as_whole(item, box)
         return self._rows[item]
+
+    def _shadow_of(self, box: BaseBox[Any]) -> tuple[Any, ...]:
+        count = len(box.spans)
+        if self._shadow[0] != count:
+            self._shadow = count, shadow_arrays(box.arrays)
+        return self._shadow[1]
 
     def fits_after(self, item: int, other: LoneItem) -> bool:
         """Return whether an item still fits somewhere after another one is added.

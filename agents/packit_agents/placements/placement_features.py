@@ -79,6 +79,8 @@ class Placements:
         The free space of the box.
     cells : tuple of int
         The cells of the box along x, y and z.
+    kinematic : bool
+        Whether items must come from above.
     outside : dict of int to int
         The number of equal items outside, for each item that is compared.
     """
@@ -89,6 +91,7 @@ class Placements:
     attainable: float
     space: FreeSpace
     cells: Triple
+    kinematic: bool
     outside: dict[int, int]
 
     def __len__(self) -> int:
@@ -120,7 +123,7 @@ class Placements:
 
     def lost(self, number: int) -> float:
         """Compute the volume of the items compared that would fit nowhere after a placement."""
-        other = LoneItem(self.placed(number), self.cells)
+        other = LoneItem(self.placed(number), self.cells, self.kinematic)
         total = 0.0
         for item, count in self.outside.items():
             left = count - int(item == self.items[number])
@@ -194,6 +197,7 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
             0.0,
             space,
             box.cells,
+            box.kinematic,
             compared,
         )
     features = np.concatenate(rows)
@@ -218,6 +222,7 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
         total - misfit,
         space,
         box.cells,
+        box.kinematic,
         compared,
     )
 

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from packit_agents.placements.scored_layout import ScoredLayout, Scorer
 from packit_sim.core.caches import limit
 from packit_sim.game.datasets.packs import Task
-from packit_sim.rules import PACKIT
+from packit_sim.game.episodes.episode import ordered
+from packit_sim.rules import PACKIT, Rules
 
 TRAINING_BUDGET = 3 * 2**30
 """Maximum size of all cached items in their rotations while tasks are played again, in bytes."""
@@ -52,10 +53,11 @@ class Play:
     decisions: list[Decision]
 
 
-def new_layout(task: Task) -> ScoredLayout:
-    """Create the empty layout of a task, by the rules of PackIt."""
-    box = PACKIT.new_box(task.cells)
-    return ScoredLayout(task.items, box, tuple(PACKIT.allowed_rotations))
+def new_layout(task: Task, rules: Rules = PACKIT) -> ScoredLayout:
+    """Create the empty layout of a task."""
+    box = rules.new_box(task.cells)
+    items = ordered(task, rules).items
+    return ScoredLayout(items, box, tuple(rules.allowed_rotations), rules.buffer)
 
 
 def play(layout: ScoredLayout, scorer: Scorer, rng: np.random.Generator) -> list[Decision]:
@@ -84,7 +86,9 @@ def play(layout: ScoredLayout, scorer: Scorer, rng: np.random.Generator) -> list
     return decisions
 
 
-def plays(task: Task, scorer: Scorer, count: int, seed: tuple[int, ...]) -> list[Play]:
+def plays(
+    task: Task, rules: Rules, scorer: Scorer, count: int, seed: tuple[int, ...]
+) -> list[Play]:
     """Play a task several times from the same state on, with placements drawn at random.
 
     Parameters
@@ -103,7 +107,7 @@ def plays(task: Task, scorer: Scorer, count: int, seed: tuple[int, ...]) -> list
     """
     _keep_items_of_many_tasks()
     rng = np.random.default_rng(seed)
-    layout = new_layout(task)
+    layout = new_layout(task, rules)
     decisions = play(layout, scorer, rng)
     common = int(rng.integers(len(decisions)))
     placed = layout.placed[:common]
@@ -115,9 +119,9 @@ def plays(task: Task, scorer: Scorer, count: int, seed: tuple[int, ...]) -> list
     return found
 
 
-def best_return(task: Task, scorer: Scorer) -> float:
+def best_return(task: Task, rules: Rules, scorer: Scorer) -> float:
     """Play a task by the placements with the highest scores; return its return."""
-    return new_layout(task).fill(scorer, np.random.default_rng(0)).volume / task.volume
+    return new_layout(task, rules).fill(scorer, np.random.default_rng(0)).volume / task.volume
 
 
 @cache

@@ -31,6 +31,8 @@ class ScoredLayout:
         The box, which belongs to the layout from now on. What is in it stays.
     allowed : tuple of int
         The rotations that the items may have.
+    buffer : int, optional
+        How many of the items outside are visible, the first ones; None for all.
 
     Attributes
     ----------
@@ -38,8 +40,15 @@ class ScoredLayout:
         (number, placed item) of each item in the box, in the order of placing.
     """
 
-    def __init__(self, items: Sequence[Item], box: BaseBox[Any], allowed: tuple[int, ...]) -> None:
+    def __init__(
+        self,
+        items: Sequence[Item],
+        box: BaseBox[Any],
+        allowed: tuple[int, ...],
+        buffer: int | None = None,
+    ) -> None:
         self._items = items
+        self._buffer = buffer
         self._box = box
         self._fixed = tuple(box.placed)
         self._empty = FreeSpace.empty(items, box.cells, allowed)
@@ -47,10 +56,12 @@ class ScoredLayout:
         self.placed: list[tuple[int, PlacedItem]] = []
 
     @property
-    def outside(self) -> npt.NDArray[np.bool_]:
-        """Bool (n items,), the items that are not in the box."""
+    def visible(self) -> npt.NDArray[np.bool_]:
+        """Bool (n items,), the items that are not in the box and have arrived."""
         outside = np.ones(len(self._items), dtype=bool)
         outside[[number for number, _ in self.placed]] = False
+        if self._buffer is not None:
+            outside[np.flatnonzero(outside)[self._buffer :]] = False
         return outside
 
     @property
@@ -83,14 +94,14 @@ class ScoredLayout:
         return self
 
     def free_space(self) -> FreeSpace:
-        """Compute the free space of all items outside, for a restart from the present items."""
-        for number in np.flatnonzero(self.outside).tolist():
+        """Compute the free space of the visible items, for a restart from the present items."""
+        for number in np.flatnonzero(self.visible).tolist():
             self._space.rows(number, self._box)
         return self._space.copy()
 
     def placements(self) -> Placements:
-        """List the placements in corners of the items outside; some may be infeasible."""
-        return placements(self._box, self._space, self.outside)
+        """List the placements in corners of the visible items; some may be infeasible."""
+        return placements(self._box, self._space, self.visible)
 
     def place(self, found: Placements, order: Iterable[int]) -> int | None:
         """Place an item so that the other large ones still fit (see `placement_features.choose`).

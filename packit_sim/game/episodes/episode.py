@@ -386,20 +386,29 @@ class Episode:
         """End the episode if nothing is left, or online if nothing visible can be placed."""
         if not self.outside.any():
             self.end = End.COMPLETE
-        elif self.rules.buffer is not None and not self.action_mask().any():
+        elif self.rules.buffer is not None and not any(
+            map(self._fits, np.flatnonzero(self.visible))
+        ):
             self.end = End.NO_LOCATION
 
     def _choose_shape(self, shape: int) -> bool:
-        if not (0 <= shape < len(self.outside) and self.action_mask()[shape]):
-            return False
-        self.shape = shape
-        return True
+        is_valid = bool(0 <= shape < len(self.outside) and self.visible[shape])
+        if is_valid and self.rules.buffer is not None:
+            is_valid = self._fits(shape)
+        if is_valid:
+            self.shape = shape
+        return is_valid
 
     def _choose_rotation(self, rotation: int) -> bool:
-        if not (0 <= rotation < rotations.COUNT and self.action_mask()[rotation]):
-            return False
-        self.rotation = rotation
-        return True
+        is_valid = rotation in self.rules.allowed_rotations
+        if is_valid and self.location is not None:
+            is_valid = bool(self.action_mask()[rotation])
+        elif is_valid and self.rules.buffer is not None:
+            assert self.shape is not None
+            is_valid = self._fits_in(self.task.items[self.shape], rotation)
+        if is_valid:
+            self.rotation = rotation
+        return is_valid
 
     def _choose_location(self, number: int) -> bool:
         nodes = self.box.nodes
