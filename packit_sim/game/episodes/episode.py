@@ -386,9 +386,10 @@ class Episode:
         """End the episode if nothing is left, or online if nothing visible can be placed."""
         if not self.outside.any():
             self.end = End.COMPLETE
-        elif self.rules.buffer is not None:
-            if not any(self._fits(n) for n in np.flatnonzero(self.visible).tolist()):
-                self.end = End.NO_LOCATION
+        elif self.rules.buffer is not None and not any(
+            self._fits(n) for n in np.flatnonzero(self.visible).tolist()
+        ):
+            self.end = End.NO_LOCATION
 
     def _choose_shape(self, shape: int) -> bool:
         is_valid = bool(0 <= shape < len(self.outside) and self.visible[shape])
