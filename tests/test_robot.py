@@ -34,7 +34,7 @@ from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.world import pybullet_module
 from packit_sim.render import robot_films
-from packit_sim.robot.arm import Route
+from packit_sim.robot.arm import Route, ToolPath
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import RobotCell, SuctionGripper
 from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
@@ -318,6 +318,19 @@ def test_the_panda_touches_nothing_by_its_trajectory(panda: RobotBox) -> None:
     read = Trajectory.from_bytes(trajectory.to_bytes(), shapes.__getitem__)
     found = measures(read, ITEMS[:2])
     assert found["penetration"] < 0.001 and found["no path"] == found["collapses"] == 0
+
+
+@pytest.mark.parametrize("level", [1, 2])
+@pytest.mark.parametrize("far", ["pick", "place"])
+def test_there_is_no_route_to_a_point_out_of_reach(level: int, far: str) -> None:
+    pytest.importorskip("pybullet_data", reason=NO_MODEL)
+    arm = arm_of(replace(CELL, arm="panda", level=level), CELLS)
+    near = np.array((0.15, 0.15, 0.3, 0.0, 0.0))
+    away = near + np.array((5.0, 0.0, 0.0, 0.0, 0.0))
+    pick, place = (away, near) if far == "pick" else (near, away)
+    path = ToolPath((near, pick), near, (near, place), near)
+    load = trimesh.creation.box((0.01, 0.01, 0.01))
+    assert arm.route(path, load, (0, 0)) is None
 
 
 @pytest.mark.slow

@@ -19,6 +19,9 @@ from packit_agents.learned_model.contact_network import ContactNetwork
 from packit_agents.learning.networks import NetworkSettings, network
 from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights, write_weights
+from packit_agents.online.column_kernels import plan
+from packit_agents.online.columns import ColumnGame
+from packit_agents.online.value_tables import Patterns, ValueTables
 from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import FEATURES
 from packit_sim.game.envs.recording import record, stage_steps
@@ -158,6 +161,28 @@ def _read_contact_weights(data: bytes) -> None:
     network(np.ones((2, len(ContactNetwork.features)), np.float32))
 
 
+def _column_values() -> list[bytes]:
+    file = world.folder() / "columns.safetensors"
+    files = []
+    for sides, shapes in (((2, 2, 2), (_BAR,)), ((3, 2, 4), (_BAR, (*_BAR, (1, 0, 0))))):
+        game = ColumnGame(sides, shapes, "yaw")
+        tables = np.full(Patterns.of(sides).entries, 0.5, np.float32)
+        ValueTables(game, {1: tables, 3: tables}, {"rounds": 3}).write(file)
+        files.append(file.read_bytes())
+    return files
+
+
+def _read_column_values(data: bytes) -> None:
+    tables = ValueTables.read(world.written("columns.safetensors", data))
+    game = tables.game
+    counts = np.ones(len(game.shapes), np.int64)
+    heights = np.zeros(game.sides[0] * game.sides[1], np.int64)
+    plan(heights, counts, counts[:0], game.arrays, tables.arrays(2), 1, 2, 0)
+    tables.digest  # noqa: B018
+
+
+_BAR = ((0, 0, 0), (0, 1, 0))
+
 _SHARD = "000000.npz"
 
 READERS = (
@@ -180,6 +205,13 @@ READERS = (
         "weights of networks for contacts",
         _contact_weights,
         _read_contact_weights,
+        file_changes.safetensors,
+    ),
+    Reader(
+        "column-values",
+        "values of columns",
+        _column_values,
+        _read_column_values,
         file_changes.safetensors,
     ),
     Reader(

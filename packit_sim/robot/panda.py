@@ -263,6 +263,9 @@ class Panda(Arm):
         aside = line(path.lifted, first)
         insert = line(*path.insertion)
         retreat = line(path.place, path.retreat)
+        lines = (fetch, up, aside, insert, retreat)
+        if not all(self._is_possible(points).all() for points in lines):
+            return None
         held = load.copy()
         held.apply_transform(self.poses(_level(up[0]))[-1].inverse().matrix)
         top = float(path.retreat[2]) - self.cell.clearance
@@ -272,9 +275,6 @@ class Panda(Arm):
         tubes = self.cell.level  # the last bodies: they come down where the item comes down
         links = dict(enumerate(self._padded[:-tubes]))
         nearby = self._obstacles(top, table=False)
-        lines = (fetch, up, aside, insert, retreat)
-        if not all(self._is_possible(points).all() for points in lines):
-            return None
         checks = [(fetch, bodies, nearby), (up, with_item, nearby), (aside, bodies, obstacles)]
         checks += [(one, links, obstacles) for one in (fetch, insert, retreat)]
         for points, moving, there in checks:

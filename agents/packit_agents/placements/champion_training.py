@@ -32,6 +32,9 @@ from packit_sim.rules import PACKIT, Rules
 FIRST_WEIGHTS = {"log volume": 48.0, "contact": 24.0, "top": -6.0}
 """The rule to begin with, which prefers large items, much contact and low tops."""
 
+FIRST_KINEMATIC_WEIGHTS = FIRST_WEIGHTS | {"top": -48.0, "free -z": -300.0}
+"""In a kinematic box lower tops are worth more, and it avoids to cover free space."""
+
 MIN_SCALE = 0.05
 """Least scale of a feature: those that hardly vary don't become large."""
 
@@ -273,7 +276,8 @@ def first_network(tasks: Sequence[Task], rules: Rules, width: int, seed: int) ->
         The network.
     """
     rng = np.random.default_rng(seed)
-    rule = np.array([FIRST_WEIGHTS.get(name, 0.0) for name in FEATURES], dtype=np.float32)
+    weights = FIRST_KINEMATIC_WEIGHTS if rules.kinematic else FIRST_WEIGHTS
+    rule = np.array([weights.get(name, 0.0) for name in FEATURES], dtype=np.float32)
     seen = []
     for task in tasks:
         decisions = play(new_layout(task, rules), lambda features: features @ rule, rng)

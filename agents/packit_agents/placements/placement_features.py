@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_agents.placements.free_kernels import corners, count_free
-from packit_agents.placements.free_space import FreeSpace, LoneItem
+from packit_agents.placements.free_space import FreeSpace, LoneItem, shadow_arrays
 from packit_agents.placements.measure_kernels import MEASURES, measure, neighbours, sum_filled
 from packit_sim.box import BaseBox
 from packit_sim.core.caches import cached_property
@@ -136,7 +136,7 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
     """List the placements in corners of the largest items outside that fit, with their features.
 
     An item is in a corner where it can't move down by one grid step, nor along x, nor along y, at
-    least one way each.
+    least one way each. In a kinematic box, the space below items counts as filled.
 
     Parameters
     ----------
@@ -151,7 +151,8 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
     """
     nz, volume = box.nodes[2], box.volume
     arrays = box.arrays
-    near, sums = neighbours(arrays, nz), sum_filled(arrays, nz)
+    closed = shadow_arrays(arrays) if box.kinematic else arrays
+    near, sums = neighbours(arrays, nz), sum_filled(closed, nz)
     fitting = [n for n in np.flatnonzero(outside).tolist() if space.items[n].items]
     volumes = {n: space.items[n].items[0].volume for n in fitting}
     total, largest = plain_sum(volumes.values()), max(volumes.values(), default=0.0)

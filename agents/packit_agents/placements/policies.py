@@ -258,6 +258,8 @@ def _planner(file: Path, stable: bool) -> Planner:
 
 _CHAMPION = assets_folder() / "weights" / "champion.safetensors"
 
+_ONLINE_CHAMPION = assets_folder() / "weights" / "online-champion.safetensors"
+
 CHAMPION_SHAPE = partial(PlacedShape, _CHAMPION)
 """The shape that the champion places next, of all outside."""
 
@@ -275,3 +277,12 @@ STABLE_CHAMPION_ROTATION = partial(PlacedRotation, _CHAMPION, stable=True)
 
 STABLE_CHAMPION_LOCATION = partial(PlacedLocation, _CHAMPION, stable=True)
 """The champion's location, of the placements after which the items stay where they are."""
+
+ONLINE_CHAMPION_SHAPE = partial(PlacedShape, _ONLINE_CHAMPION)
+"""The shape that the online champion places next, of all visible ones."""
+
+ONLINE_CHAMPION_ROTATION = partial(PlacedRotation, _ONLINE_CHAMPION)
+"""The rotation in which the online champion places a shape."""
+
+ONLINE_CHAMPION_LOCATION = partial(PlacedLocation, _ONLINE_CHAMPION)
+"""The location at which the online champion places a shape."""
