@@ -1,7 +1,7 @@
 """Pack sequences of everyday objects online: learned agents beside rules.
 
     .venv/bin/python -m benchmarks.online_everyday --tasks 50        (an hour; resumable)
-    .venv/bin/python -m benchmarks.online_everyday --tasks 20 --agent online-champion --agent best-fit
+    .venv/bin/python -m benchmarks.online_everyday --tasks 20 --agent champion --agent best-fit
 
 Sequence n of the test split is drawn with the seed 20000 + n from the items of the test packs of
 everyday-v1, as `packit datasets sequences --items-of everyday-v1 --split test --seed 20000` does:

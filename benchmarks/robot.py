@@ -34,6 +34,9 @@ from packit_sim.robot.measures import MEASURES, resting_poses
 FAILURES = ("no grasp", "no path", "lost", "displaced", "collapsed", "not inside")
 """Outcomes of items that are counted; displaced: at rest more than 2 cm or 15 degrees from plan."""
 
+UNITS = {"displacement": "m", "turn": "degrees", "penetration": "m"}
+"""The units of the measures, by the last word of a row."""
+
 
 def main() -> None:
     parser = argument_parser(__doc__)
@@ -104,7 +107,9 @@ def report(
         rows[name] = {key: Estimate.of(values) for key, values in columns.items()}
         rows[name]["largest penetration"] = Estimate(max(columns["penetration"]), None, None)
     for key in next(iter(rows.values())):
-        table.add_row(key, *(format_estimate(row[key], ".4f") for row in rows.values()))
+        unit = UNITS.get(key.split()[-1])
+        shown = f"{key}, {unit}" if unit else key
+        table.add_row(shown, *(format_estimate(row[key], ".4f") for row in rows.values()))
     for key in next(iter(items.values())):
         table.add_row(f"items: {key}", *(str(row[key]) for row in items.values()))
     totals = [[one.total for one in rollouts] for rollouts in found.values()]
