@@ -30,6 +30,7 @@ from packit_sim.game.datasets.packs import Task
 from packit_sim.game.episodes.agents import Agent
 from packit_sim.game.episodes.episode import Episode
 from packit_sim.game.evaluation.transitions import tasks_digest
+from packit_sim.game.generation.sequences import ItemSampler
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import Rules
 
@@ -79,10 +80,29 @@ def test_the_model_of_contacts_is_of_a_training_that_can_be_done_again() -> None
 
 def test_the_champion_is_of_a_training_that_can_be_done_again() -> None:
     provenance = PlacementNetwork.read(FOLDER / "champion.safetensors").provenance
-    assert provenance["settings"] == json.loads(json.dumps(asdict(PlacementTrainingSettings())))
+    settings = json.loads(json.dumps(asdict(PlacementTrainingSettings())))
+    newer = {name: settings[name] for name in ("rules", "start")}
+    assert provenance["settings"] | newer == settings
     library = ShapeLibrary.open("everyday")
     for packs, digests in provenance["tasks"].items():
         assert [task.digest for task in load_tasks(packs, library, "train")] == digests
+
+
+def test_the_online_champion_is_of_a_training_that_can_be_done_again() -> None:
+    provenance = PlacementNetwork.read(FOLDER / "online-champion.safetensors").provenance
+    settings = PlacementTrainingSettings(
+        packs=("everyday-online",), rules=Rules(kinematic=True, buffer=5), drawn=10, rounds=30
+    )
+    assert provenance["settings"] == json.loads(json.dumps(asdict(settings)))
+    library = ShapeLibrary.open("everyday")
+    digests = {"train": provenance["tasks"]["everyday-online"]}
+    digests["validation"] = provenance["validation"]
+    for split, first in (("train", 0), ("validation", 10_000)):
+        sampler = ItemSampler(library, load_tasks("everyday-v1", library, split), 40)
+        count = len(digests[split])
+        assert count == (300 if split == "train" else settings.validation_tasks)
+        for n in (0, count // 2, count - 1):
+            assert sampler.pack(first + n).task(library).digest == digests[split][n]
 
 
 def test_values_of_columns_are_of_a_training_that_can_be_done_again() -> None:
