@@ -127,6 +127,34 @@ def test_a_replay_has_all_that_other_simulators_need(box: ExecutedPlan, tmp_path
         assert np.allclose(position, ours.recording.poses[-1, :3] * 0.151)
 
 
+def test_mujoco_reads_the_cell_with_all_parts_where_they_rest(
+    box: ExecutedPlan, tmp_path: Path
+) -> None:
+    replay = json.loads(write_replay(box.trajectory, tmp_path).read_text())
+    file = tmp_path / replay["mjcf"]
+    model = etree.parse(file)
+    bodies = model.findall("worldbody/body")
+    last = box.trajectory.attempts[-1].recording
+    ends = {int(item): pose for (_, item), pose in zip(last.rows, last.poses, strict=True)}
+    assert [body.get("name") for body in bodies] == ["item 0", "item 1", "item 2"] and ends
+    for n, pose in ends.items():
+        place = [float(number) for number in bodies[n].get("pos", "").split()]
+        assert place == pytest.approx(pose[:3] * 0.151)
+    for mesh in model.findall("asset/mesh"):
+        assert (tmp_path / mesh.get("file", "")).is_file()
+    walls = {one.get("name"): one for one in model.findall("worldbody/geom[@type='box']")}
+    right = [float(number) for number in walls["right"].get("pos", "").split()]
+    assert right[0] - float(walls["right"].get("size", "").split()[0]) == pytest.approx(0.151)
+    mujoco = pytest.importorskip("mujoco")
+    read = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(read)
+    before = data.qpos.copy()
+    for _ in range(240):
+        mujoco.mj_step(read, data)
+    assert read.nbody == 4
+    assert np.abs(data.qpos - before).max() < 0.003
+
+
 def test_the_command_line_executes_packings(tmp_path: Path) -> None:
     file = written(tmp_path, {"first": POSES["first"]})
     out = tmp_path / "replay"

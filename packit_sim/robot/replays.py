@@ -1,4 +1,4 @@
-"""Files with which other simulators replay a trajectory: JSON, the arm's URDF and meshes."""
+"""Files with which other simulators replay a trajectory: JSON, URDF, MJCF and meshes."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from lxml import etree
 from packit_sim.core.files import replace_text, require_replaceable, require_same
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import GRAVITY
+from packit_sim.robot.mjcf import mjcf
 from packit_sim.robot.trajectory import Trajectory
 from packit_sim.robot.urdf import with_cup
 
@@ -32,8 +33,9 @@ def write_replay(trajectory: Trajectory, folder: Path) -> Path:
         The trajectory.
     folder : Path
         A folder, which is created: `replay.json`, and the files that it names, each with digits of
-        its SHA-256 in its name: the URDF of the arm with each cup, and the mesh of each item as
-        OBJ, in m. An earlier replay in it holds until `replay.json` is replaced.
+        its SHA-256 in its name: the URDF of the arm with each cup, the mesh of each item as OBJ,
+        in m, and an MJCF with box and items as they are at the end. An earlier replay in it holds
+        until `replay.json` is replaced.
 
     Returns
     -------
@@ -75,6 +77,13 @@ def write_replay(trajectory: Trajectory, folder: Path) -> Path:
                 "poses": (own.poses * np.array([cell.edge] * 3 + [1.0] * 4)).tolist(),
             }
         )
+    last = {
+        item: pose
+        for one in attempts
+        for (_, item), pose in zip(one["items"], one["poses"], strict=True)
+    }
+    meshes, masses = [one["mesh"] for one in attempts], [one["mass"] for one in attempts]
+    model = _written(folder / "cell.xml", mjcf(cell, cell.size(cells), meshes, masses, last))
     content = {
         "format": FORMAT,
         "arm": cell.arm,
@@ -87,6 +96,7 @@ def write_replay(trajectory: Trajectory, folder: Path) -> Path:
         "gravity": GRAVITY,
         "friction": cell.friction,
         "box": cell.size(cells).tolist(),
+        "mjcf": model.name,
         "attempts": attempts,
     }
     replace_text(file, json.dumps(content) + "\n")
