@@ -1,6 +1,9 @@
-"""The command `packit`, before anything of it is imported."""
+"""The command `packit`, before anything of it is imported.
 
-import signal
+Python's module `signal` takes milliseconds to import, in which Ctrl-C may come.
+"""
+
+import _signal as signal  # type: ignore[import-not-found]
 
 
 def main() -> None:

@@ -5,8 +5,9 @@
 
 Each run is a fresh process with compiled bytecode, after one that is not counted. The processor
 time is that of the whole process; the least depends least on what else the machine does.
-Modules are those that were executed, by `-X importtime`, together with Python's own. `--code`
-measures the code in another folder. Writes `benchmarks/results/starts.json` and the table of
+Modules are those that were executed, by `-X importtime`, together with Python's own. Of the help of
+each other command, a third as many runs are measured. `--code` measures the code in another folder,
+without those. Writes `benchmarks/results/starts.json` and the table of
 `docs/benchmarks/speed.md`.
 """
 
@@ -20,6 +21,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from typer.main import get_command
+
 from benchmarks.common import (
     RESULTS,
     argument_parser,
@@ -28,6 +31,7 @@ from benchmarks.common import (
     write_into_page,
     write_json,
 )
+from packit_sim.cli.app import app
 
 FILE = "starts.json"
 
@@ -76,6 +80,25 @@ def measure(words: list[str], code: Path, runs: int) -> dict[str, Any]:
     return {"processor": seconds, "modules": modules}
 
 
+def every_help(group: Any = None, name: str = "") -> list[str]:
+    """List the helps of all commands and groups, such as "shapes import --help"."""
+    group = group or get_command(app)
+    found = [f"{name} --help".strip()]
+    for own, command in group.commands.items():
+        words = f"{name} {own}".strip()
+        found += every_help(command, words) if hasattr(command, "commands") else [f"{words} --help"]
+    return found
+
+
+def text(labels: dict[str, dict[str, Any]], helps: dict[str, list[float]]) -> str:
+    """Write the table, and a sentence on the helps of all commands, by their processor seconds."""
+    slowest = max(helps, key=lambda each: min(helps[each]))
+    return (
+        f"{table(labels)}\nOf all {len(helps)} helps, the slowest is `packit {slowest}`: "
+        f"{min(helps[slowest]):.2f} s.\n"
+    )
+
+
 def table(labels: dict[str, dict[str, Any]]) -> str:
     """Tabulate the results in Markdown, a row for each command."""
     head = ["command"]
@@ -100,16 +123,22 @@ def main() -> None:
     parser.add_argument("--label", default=LABEL, help="the name of the code in the table")
     arguments = parser.parse_args()
     file: Path = arguments.out / FILE
-    labels: dict[str, Any] = json.loads(file.read_text())["labels"] if file.exists() else {}
+    before = json.loads(file.read_text()) if file.exists() else {}
+    labels: dict[str, Any] = before.get("labels", {})
+    helps: dict[str, list[float]] = before.get("helps", {})
+    code = arguments.code.resolve()
     labels[arguments.label] = {
-        command: measure(command.split(), arguments.code.resolve(), arguments.runs)
-        for command in COMMANDS
+        command: measure(command.split(), code, arguments.runs) for command in COMMANDS
     }
+    if code == Path.cwd():
+        few = -(-arguments.runs // 3)
+        helps = {each: measure(each.split(), code, few)["processor"] for each in every_help()}
     head = {"command": "python -m benchmarks.starts", "machine": machine()}
-    write_json(file, {**head, "labels": labels})
+    write_json(file, {**head, "labels": labels, "helps": helps})
+    found = text(labels, helps)
     if arguments.out == RESULTS:
-        write_into_page(PAGE, table(labels), BLOCK)
-    print(table(labels))
+        write_into_page(PAGE, found, BLOCK)
+    print(found)
 
 
 if __name__ == "__main__":

@@ -539,7 +539,7 @@ def test_instructions_and_films_need_to_know_the_opening(folder: Path, tmp_path:
 def test_fixed_parts_must_be_inside_the_container() -> None:
     post = Part("post", block(((0, 0, 0), (5, 5, 50))))
     settings = PackSettings(workers=1, iterations=5, fixed=[post])
-    with pytest.raises(ArgumentError, match=r"'post' reaches 20\.7 beyond the cylinder's"):
+    with pytest.raises(ArgumentError, match=r"'post' reaches 20\.7 mm beyond the cylinder's"):
         pack(parts(1), "cylinder:100x100mm", settings=settings)
 
 

@@ -172,7 +172,7 @@ def test_each_wall_has_its_distance(tmp_path: Path) -> None:
     changed = tmp_path / "changed.json"
     changed.write_text(json.dumps(record))
     (problem,) = verify_record(changed).problems
-    assert "0 from the box's top wall: less than the clearance of 0.5" in problem.sentence
+    assert "is 0 mm from the box's top wall: less than the clearance of 0.5 mm" in problem.sentence
 
 
 def test_walls_of_other_containers() -> None:

@@ -140,6 +140,26 @@ def test_other_signals_do_what_ctrl_c_does() -> None:
     assert [signal.getsignal(number) for number in STATUS] == before
 
 
+class Interrupted:
+    """An object whose end is interrupted: Python prints and ignores what a finalizer raises."""
+
+    def __del__(self) -> None:
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_in_a_finalizer_is_not_lost(capsys) -> None:
+    before = sys.unraisablehook
+
+    def work() -> None:
+        Interrupted()
+        time.sleep(30)
+        pytest.fail("it was not interrupted")
+
+    with as_interrupts(), pytest.raises(KeyboardInterrupt):
+        work()
+    assert capsys.readouterr().err == "" and sys.unraisablehook is before
+
+
 def test_a_signal_that_is_ignored_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

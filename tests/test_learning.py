@@ -650,11 +650,8 @@ NOTED: list[Noted] = []
 def test_loggers_of_other_packages_get_what_tensorboard_gets(
     short_packs, tmp_path, monkeypatch
 ) -> None:
-    class Installed(dict):
-        names = ("noted",)
-
-    found = Installed(noted=SimpleNamespace(load=lambda: Noted))
-    monkeypatch.setattr(loggers, "entry_points", lambda group: found)
+    found = {"noted": SimpleNamespace(load=lambda: Noted)}
+    monkeypatch.setattr(loggers, "announced", lambda group: found)
     settings = replace(TINY, packs=str(short_packs), steps=32, validate_every=32)
     training = Training(settings, tmp_path / "run", "cpu", loggers=["noted"])
     training.run()

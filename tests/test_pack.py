@@ -762,7 +762,7 @@ def test_nothing_rests_on_a_fixed_part_that_may_carry_nothing(tmp_path) -> None:
 
 def test_fixed_parts_that_are_not_possible_are_errors(tmp_path) -> None:
     for fixed, box, boxes, match in (
-        (shelf(tmp_path), (19, 10, 20), None, "'shelf' reaches 1 beyond the box's right wall"),
+        (shelf(tmp_path), (19, 10, 20), None, "'shelf' reaches 1 mm beyond the box's right wall"),
         (shelf(tmp_path), (20, 10, 20), 2, "parts that are fixed need one box"),
         (shelf(tmp_path, count=2), (20, 10, 20), None, "'shelf' has one place"),
         (tmp_path / "none.stl", (20, 10, 20), None, "fixed: .*none.stl"),

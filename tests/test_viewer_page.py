@@ -251,5 +251,37 @@ def test_two_stand_side_by_side_with_their_titles(opened: Opened) -> None:
         assert in_view(opened, place[None])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("window", [(390, 844), (1280, 800)])
+def test_the_panel_does_not_cover_the_box(chromium, window: tuple[int, int]) -> None:
+    collection = PackCollection(
+        read_packs(dataset_file("starter"))[:1], ShapeLibrary.open("everyday")
+    )
+    with Explorer(collection) as explorer:
+        width, height = window
+        page = chromium.new_page(viewport={"width": width, "height": height})
+        page.set_default_timeout(LONG)
+        page.goto(f"{explorer.address}?darkMode")
+        page.get_by_text("Play", exact=True).wait_for()
+        assert page.locator("html").get_attribute("data-mantine-color-scheme") == "dark"
+        own = Opened(explorer, page)
+
+        def is_free() -> bool:
+            low, high = np.quantile(pixels(own, corners((100, 100, 100))), (0, 1), axis=0)
+            panel = page.get_by_text("PackIt-Sim", exact=True).bounding_box()
+            is_beside = high[0] < panel["x"] or high[1] < panel["y"]
+            return bool(is_beside and (low > 0).all() and (high < window).all())
+
+        own.wait(lambda: len(explorer.page.server.get_clients()) == 1)
+        own.wait(is_free)
+        (client,) = explorer.page.server.get_clients().values()
+        initial = explorer.page.server.initial_camera
+        client.camera.position = initial.position  # as a slow browser, or at "Reset View"
+        client.camera.look_at = initial.look_at
+        page.wait_for_timeout(500)
+        own.wait(is_free)
+        page.close()
+
+
 def test_no_error_came_up_in_the_end(opened: Opened) -> None:
     assert opened.errors == []

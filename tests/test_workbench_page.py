@@ -11,8 +11,8 @@ from trimesh import creation
 from packit_sim.parts.results import exports
 from packit_sim.parts.workbench.workbench import Workbench
 
-LONG = 20_000
-"""Milliseconds that a busy machine may take."""
+LONG = 60_000
+"""Milliseconds that a busy machine may take, kernels included."""
 
 CHECKED = "#locks input:checked"
 
@@ -145,7 +145,7 @@ def test_a_part_is_moved_by_keys_with_its_conflicts(page) -> None:
     with page.expect_response("**/moves") as answer:
         for _ in range(12):
             page.keyboard.press("Shift+PageUp")
-    page.locator("#conflict", has_text="reaches").wait_for()
+    page.locator("#conflict", has_text="mm beyond").wait_for()
     assert answer.value.status == 200
     assert "conflict" in own.get_attribute("class")
     assert page.locator("#legend", has_text="in conflict").count() == 1
@@ -217,7 +217,8 @@ def test_a_part_that_is_dragged_snaps_and_stays_where_it_is_free(page) -> None:
     done.or_(page.locator("#conflict:not(:empty)")).first.wait_for()
     while not done.count():  # it is on others: drag it on
         page.keyboard.press("Shift+PageUp")
-        page.keyboard.press("Enter")
+        with page.expect_response("**/moves"):
+            page.keyboard.press("Enter")
         page.wait_for_timeout(500)
     page.locator(CHECKED).wait_for()
     packing = page.evaluate("fetch('/state?seen=0').then((one) => one.json())")
@@ -291,10 +292,14 @@ def test_the_order_has_what_the_command_can_do_and_survives_a_reload(page) -> No
     page.locator("[name=objective]").select_option("value")
     page.locator("#another").click()
     page.locator("#rows .box").nth(1).locator("select").first.select_option("cylinder")
-    with page.expect_request("**/order") as kept:
+
+    def is_whole(response: Any) -> bool:
+        return "cylinder:120x" in (response.request.post_data or "")
+
+    with page.expect_response(is_whole) as kept:
         page.locator("[name=diameter]").fill("120")
         page.locator("[name=diameter]").blur()
-    job = kept.value.post_data_json
+    job = kept.value.request.post_data_json
     assert [each["size"] for each in job["box"]] == ["200x150x100mm", "cylinder:120x100mm"]
     assert [each["name"] for each in job["box"]] == ["A", "B"]
     assert job["wall_clearance"] == "sides=0mm,floor=2mm,top=0mm"
@@ -307,7 +312,6 @@ def test_the_order_has_what_the_command_can_do_and_survives_a_reload(page) -> No
     assert cube["count"] == "max"
     more_of_cube = {"max_tilt": "30", "down": "z- x+", "stop": "2"}
     assert cube["fields"] == {"group": "left", "value": "3", "mass": "20", **more_of_cube}
-    page.wait_for_timeout(300)
     page.reload()
     page.locator("[name=diameter]").wait_for()
     assert page.locator("[name=diameter]").input_value() == "120"

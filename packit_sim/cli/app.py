@@ -16,6 +16,7 @@ from typer.main import get_group
 
 from packit_sim.cli.help import Group, command, documented, write_summaries
 from packit_sim.cli.stopping import stoppable
+from packit_sim.core.entry_points import EntryPointError, announced, load, usable
 from packit_sim.core.errors import PackItError, message
 from packit_sim.core.lazy_imports import lazy_imports
 from packit_sim.core.plain_text import plain_line
@@ -69,15 +70,17 @@ those without one, and those of other packages, are entry points."""
 
 
 class _Commands(Mapping[str, Any]):
-    """All commands, in the order of `COMMANDS`; each is imported and built when first used."""
+    """All commands, in the order of `COMMANDS`; each is imported and built when first used.
+
+    A command of another package that can't be used raises EntryPointError.
+    """
 
     def __getitem__(self, name: str) -> Any:
         function_or_group = _found(name)
-        if not isinstance(function_or_group, typer.Typer):
-            return command(name, function_or_group, _panel(name))
-        built = get_group(documented(function_or_group))
-        built.name, built.rich_help_panel = name, _panel(name)
-        return built
+        if _module(name):
+            return _built(name, function_or_group)
+        with usable(_entry_points()[name], "command"):
+            return _built(name, function_or_group)
 
     def __iter__(self) -> Iterator[str]:
         found = _entry_points()
@@ -100,10 +103,24 @@ class Commands(Group):
         return list(self.commands)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        names = self.list_commands(ctx)
-        for panel in dict.fromkeys(map(_panel, names)):
-            texts = [(name, _text(name)) for name in names if _panel(name) == panel]
-            write_summaries(formatter, panel, texts)
+        texts: dict[str, list[tuple[str, str]]] = {}
+        for name in self.list_commands(ctx):
+            try:
+                text = _text(name) if _module(name) else str(self.commands[name].help or "")
+            except EntryPointError as error:
+                typer.echo(f"warning: {error}", err=True)
+            else:
+                texts.setdefault(_panel(name), []).append((name, text))
+        for panel, found in texts.items():
+            write_summaries(formatter, panel, found)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        try:
+            return super().get_command(ctx, cmd_name)
+        except EntryPointError:
+            if ctx.resilient_parsing:  # the shell completes a line
+                return None
+            raise
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         with stoppable("nothing is begun"):  # typer itself would end without a word
@@ -129,9 +146,7 @@ def _module(name: str) -> str | None:
 @cache
 def _entry_points() -> dict[str, Any]:
     """Find the commands of packages: slow, and only needed for those and for lists of all."""
-    from importlib.metadata import entry_points
-
-    return {point.name: point for point in entry_points(group="packit_sim.commands")}
+    return announced("packit_sim.commands")
 
 
 @cache
@@ -139,9 +154,17 @@ def _found(name: str) -> Any:
     """Import a command's function, or its group of commands; raise KeyError if there is none."""
     module = _module(name)
     if not module:
-        return _entry_points()[name].load()
+        return load(_entry_points()[name], "command")
     names = vars(import_module(f"packit_sim.cli.{module}"))
     return names.get(f"{name}_command") or names["app"]
+
+
+def _built(name: str, function_or_group: Any) -> Any:
+    if not isinstance(function_or_group, typer.Typer):
+        return command(name, function_or_group, _panel(name))
+    built = get_group(documented(function_or_group))
+    built.name, built.rich_help_panel = name, _panel(name)
+    return built
 
 
 def _text(name: str) -> str:

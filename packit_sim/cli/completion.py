@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from packit_sim.core.entry_points import announced
 from packit_sim.game.datasets.builtin import BUILTIN_DATASETS
 from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
 
@@ -20,15 +21,13 @@ def instances(incomplete: str) -> list[str]:
 
 def agents(incomplete: str) -> list[str]:
     """Complete the part of an agent's name that is typed: a policy of each kind, or a search."""
-    from importlib.metadata import entry_points  # slow, and only needed here
-
     plain, plus, search = incomplete.rpartition("+")
     if plus:
-        names = entry_points(group="packit_sim.searches").names
-        return sorted(f"{plain}+{name}=" for name in names if name.startswith(search))
+        names = announced("packit_sim.searches")
+        return [f"{plain}+{name}=" for name in names if name.startswith(search)]
     done = incomplete.split("/")[:-1]
     if len(done) >= len(_STAGES):
         return []
-    names = entry_points(group=f"packit_sim.{_STAGES[len(done)]}_policies").names
+    names = announced(f"packit_sim.{_STAGES[len(done)]}_policies")
     texts = ("/".join((*done, name)) for name in names)
-    return sorted(text for text in texts if text.startswith(incomplete))
+    return [text for text in texts if text.startswith(incomplete)]

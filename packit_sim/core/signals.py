@@ -7,13 +7,18 @@ import os
 import signal
 import sys
 import threading
+from _thread import interrupt_main
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 _OTHERS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 SIGNALS = (signal.SIGINT, *_OTHERS)
 """The signals that end a command; Windows has no SIGHUP."""
+
+_AGAIN = 0.02
+"""Seconds after which an interrupt that C code ignored comes again; by then it has returned."""
 
 _arrived: list[int] = []
 
@@ -33,6 +38,9 @@ def end_at_once() -> None:
 def as_interrupts() -> Iterator[list[int]]:
     """Let SIGTERM and SIGHUP do what Ctrl-C does, which is KeyboardInterrupt, within the block.
 
+    Python prints and ignores one in a finalizer, or in a callback of C code such as LLVM's: it is
+    raised again soon after.
+
     Yields
     ------
     list of int
@@ -43,13 +51,33 @@ def as_interrupts() -> Iterator[list[int]]:
         yield _arrived
         return
     before = {number: signal.getsignal(number) for number in SIGNALS}
+    print_ignored = sys.unraisablehook
+
+    def interrupt_again() -> None:
+        if sys.unraisablehook is not hook:
+            return
+        if sys.platform == "win32":
+            interrupt_main()
+        else:  # also out of a system call
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+    def hook(ignored: Any) -> None:
+        if not issubclass(ignored.exc_type, KeyboardInterrupt):
+            print_ignored(ignored)
+            return
+        timer = threading.Timer(_AGAIN, interrupt_again)
+        timer.daemon = True
+        timer.start()
+
     try:
+        sys.unraisablehook = hook
         for number, handler in before.items():
             if handler in (signal.SIG_DFL, end_process):
                 is_other = number in _OTHERS
                 signal.signal(number, _interrupt if is_other else signal.default_int_handler)
         yield _arrived
     finally:
+        sys.unraisablehook = print_ignored
         for number, handler in before.items():
             signal.signal(number, handler)
 

@@ -8,7 +8,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,6 +18,7 @@ from msgspec import Struct
 from packit_sim.core import typed_json
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.choices import SPLITS, Split
+from packit_sim.core.entry_points import announced, load
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.core.files import exists
 from packit_sim.core.plain_text import listed
@@ -332,7 +333,7 @@ def _source(source: str | Path, seed: int) -> Source:
     if not (colon and isinstance(source, str)):
         scheme, path = "", str(source)
     elif scheme not in SCHEMES:
-        if path and scheme in (installed := entry_points(group=SOURCES)).names:
+        if path and scheme in (installed := announced(SOURCES)):
             return _installed(installed[scheme], Path(path))
         scheme, path = "", str(source)
     folder = Path(path)
@@ -357,7 +358,7 @@ def _installed(found: EntryPoint, path: Path) -> Source:
     """Open a source of another package."""
     if not exists(path):
         raise LibraryError(f"no shape library '{found.name}:{path}': there is no {path}")
-    source: Source = found.load()(path)
+    source: Source = load(found, "shape source")(path)
     return source
 
 

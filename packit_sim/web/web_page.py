@@ -114,15 +114,21 @@ class WebPage:
             )
 
     def _follow(self, client: viser.ClientHandle) -> None:
-        """Keep the points in view of a browser when its window changes shape."""
+        """Keep the points in view of a browser when its window changes shape.
+
+        A browser that loads slowly may move to the initial camera, of another window, after it was
+        aimed, and does so at "Reset View": it is aimed again.
+        """
+        initial = self.server.initial_camera
 
         def changed(camera: viser.CameraHandle) -> None:
-            if not camera.image_width * camera.image_height > 0:
+            if self._points is None or not camera.image_width * camera.image_height > 0:
                 return  # of no window
-            aspect = camera.aspect
-            if self._points is not None and self._aspects.get(client.client_id) != aspect:
-                self._aspects[client.client_id] = aspect
-                aim_camera(camera, self._points, aspect, top=_free_share(camera))
+            window = camera.aspect, _free_share(camera)
+            is_other = window != (_ASPECT, 1.0) and _is_at(camera, initial)
+            if is_other or self._aspects.get(client.client_id) != camera.aspect:
+                self._aspects[client.client_id] = camera.aspect
+                aim_camera(camera, self._points, camera.aspect, top=_free_share(camera))
 
         changed(client.camera)
         client.camera.on_update(changed)
@@ -167,6 +173,11 @@ def _free_share(camera: viser.CameraHandle) -> float:
     """Return the share of a window's height, from its upper edge on, that no panel covers."""
     is_phone = camera.image_width <= _NARROW and camera.image_height >= _HIGH
     return _FREE if is_phone else 1.0
+
+
+def _is_at(camera: viser.CameraHandle, other: viser.InitialCameraConfig) -> bool:
+    is_there = np.allclose(camera.position, other.position)
+    return bool(is_there and np.allclose(camera.look_at, other.look_at))
 
 
 def camera_of(camera: viser.CameraHandle) -> Camera:

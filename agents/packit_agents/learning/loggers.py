@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.logger import KVWriter
 
+from packit_sim.core.entry_points import announced, load
 from packit_sim.core.errors import ArgumentError
 
 LOGGERS = "packit_sim.loggers"
@@ -21,10 +21,10 @@ by name, and `close()` is called at the end.
 
 def require_loggers(names: Sequence[str]) -> None:
     """Raise ArgumentError if a logger is not installed."""
-    installed = entry_points(group=LOGGERS).names
+    installed = announced(LOGGERS)
     for name in names:
         if name not in installed:
-            known = ", ".join(sorted(installed)) or "none"
+            known = ", ".join(installed) or "none"
             raise ArgumentError(f"there is no logger {name!r}: installed are {known}")
 
 
@@ -47,10 +47,12 @@ def open_loggers(names: Sequence[str], folder: Path, settings: Mapping[str, Any]
     ------
     ArgumentError
         If one is not installed, or is no `KVWriter`.
+    EntryPointError
+        If one can't be imported.
     """
     require_loggers(names)
-    installed = entry_points(group=LOGGERS)
-    opened = [installed[name].load()(folder, settings) for name in dict.fromkeys(names)]
+    installed = announced(LOGGERS)
+    opened = [load(installed[name], "logger")(folder, settings) for name in dict.fromkeys(names)]
     for name, logger in zip(dict.fromkeys(names), opened, strict=True):
         if not isinstance(logger, KVWriter):
             raise ArgumentError(f"logger {name!r} is no KVWriter, but {type(logger).__name__}")

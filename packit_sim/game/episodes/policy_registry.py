@@ -10,13 +10,13 @@ import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from packit_sim.core.entry_points import EntryPointError, announced, load, usable
 from packit_sim.core.errors import PackItError
-from packit_sim.core.extras import needed_for
 from packit_sim.core.suggestions import did_you_mean
 from packit_sim.game.episodes.episode import Stage
 from packit_sim.game.episodes.policies import Policy
@@ -30,9 +30,8 @@ class UnknownPolicyError(PackItError, ValueError):
 
 @cache
 def _installed(group: str) -> dict[str, EntryPoint]:
-    """Read the entry points of a group, sorted by name, once per process: it takes about 10 ms."""
-    found = entry_points(group=group)
-    return {name: found[name] for name in sorted(found.names)}
+    """Read the entry points of a group, once per process."""
+    return announced(group)
 
 
 def policy_names(stage: Stage) -> tuple[str, ...]:
@@ -49,7 +48,7 @@ class PolicySummary:
     form : str
         Its name as it is written in an agent's name, with VALUE if it takes one.
     summary : str
-        The first line of its documentation.
+        The first line of its documentation, or why it can't be used.
     """
 
     form: str
@@ -60,13 +59,13 @@ def installed_policies(stage: Stage) -> tuple[PolicySummary, ...]:
     """Summarise the installed policies for a sub-task, without importing them."""
     return tuple(
         PolicySummary(f"{name}@VALUE" if source.takes_value else name, source.summary)
-        for name, source in _sources(_group(stage))
+        for name, source in _sources(_group(stage), _kind(stage))
     )
 
 
 def installed_searches() -> tuple[PolicySummary, ...]:
     """Summarise the installed searches, without importing them."""
-    found = _sources(_SEARCHES)
+    found = _sources(_SEARCHES, "search")
     return tuple(PolicySummary(f"{name}=VALUE", source.summary) for name, source in found)
 
 
@@ -78,8 +77,15 @@ class _Definition:
     takes_value: bool = False
 
 
-def _sources(group: str) -> list[tuple[str, _Definition]]:
-    return [(name, _definition(point)) for name, point in _installed(group).items()]
+def _sources(group: str, kind: str) -> list[tuple[str, _Definition]]:
+    found = []
+    for name, point in _installed(group).items():
+        try:
+            with usable(point, kind):
+                found.append((name, _definition(point)))
+        except EntryPointError as error:
+            found.append((name, _Definition(str(error))))
+    return found
 
 
 def _methods(node: ast.stmt | None, classes: Mapping[str, ast.ClassDef]) -> set[str]:
@@ -94,9 +100,11 @@ def _methods(node: ast.stmt | None, classes: Mapping[str, ast.ClassDef]) -> set[
 def _definition(point: EntryPoint) -> _Definition:
     """Read the definition of an entry point's object: its package may lack what it imports."""
     spec = find_spec(point.module)
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+    if spec is None:
+        raise ModuleNotFoundError(f"there is no module {point.module}")
+    if spec.origin is None or not spec.origin.endswith(".py"):
         return _Definition()
-    nodes = ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body
+    nodes = ast.parse(Path(spec.origin).read_text(encoding="utf-8"), spec.origin).body
     classes = {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
     for node, after in zip(nodes, [*nodes[1:], None], strict=True):
         text: str | None = None
@@ -113,6 +121,10 @@ def _definition(point: EntryPoint) -> _Definition:
 
 def _group(stage: Stage) -> str:
     return f"packit_sim.{stage.name.lower()}_policies"
+
+
+def _kind(stage: Stage) -> str:
+    return f"{stage.name.lower()} policy"
 
 
 def load_policy(stage: Stage, name: str) -> Policy:
@@ -134,8 +146,10 @@ def load_policy(stage: Stage, name: str) -> Policy:
     ------
     UnknownPolicyError
         If there is no such policy, or a value is missing or not expected.
+    EntryPointError
+        If it can't be imported.
     """
-    what = f"{stage.name.lower()} policy"
+    what = _kind(stage)
     kind, at, value = name.partition("@")
     found = _load(_group(stage), what, kind)
     parse = getattr(found, "parse", None)
@@ -163,6 +177,8 @@ def load_search(name: str) -> Any:
     ------
     UnknownPolicyError
         If there is no such search, or its value is not possible.
+    EntryPointError
+        If it can't be imported.
     """
     kind, _, value = name.partition("=")
     found = _load(_SEARCHES, "search", kind)
@@ -179,5 +195,4 @@ def _load(group: str, kind: str, name: str) -> Any:
             f"there is no {kind} {name!r}: {did_you_mean(name, installed)}"
             f"choose from {', '.join(installed)}"
         )
-    with needed_for(f"agents with the {kind} {name!r}"):
-        return installed[name].load()
+    return load(installed[name], kind)

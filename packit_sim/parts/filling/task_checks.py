@@ -115,11 +115,9 @@ def _check_fixed(task: PackTask) -> None:
     container = task.boxes[0].container
     for each in task.fixed:
         name = f"fixed: part {each.part.name!r}"
-        item = CheckedItem(name, each.item_type, Placement(0), container.longest)
+        item = CheckedItem(name, each.item_type, Placement(0), container.longest, task.unit)
         for fault in container.faults(item, slack=task.tolerance):
-            raise ArgumentError(
-                f"{name} {fault}, in {task.unit}: choose a keep-out for what is not inside it"
-            )
+            raise ArgumentError(f"{name} {fault}: choose a keep-out for what is not inside it")
 
 
 def _check_groups(task: PackTask) -> None:

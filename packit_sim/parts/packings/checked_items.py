@@ -41,6 +41,8 @@ class CheckedItem:
         Where it is.
     unit : float
         The container's longest fixed side.
+    length_unit : str
+        The name of the unit of lengths in messages, such as "mm"; none by default.
 
     Attributes
     ----------
@@ -56,7 +58,14 @@ class CheckedItem:
         The smallest distance to other items, 0 if its type has none of its own.
     """
 
-    def __init__(self, name: str, item_type: ItemType, placement: Placement, unit: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        item_type: ItemType,
+        placement: Placement,
+        unit: float,
+        length_unit: str = "",
+    ) -> None:
         self.name = name
         self.item_type = item_type
         self.box = placement.box
@@ -65,10 +74,15 @@ class CheckedItem:
         self.scale = float(f"{placement.scale:.7g}")  # of single precision: equal ones share meshes
         self.tolerance = tolerance(unit, self.scale * float(item_type.extents.max()))
         self.clearance = item_type.clearance or 0.0
+        self._length_unit = length_unit
         self._unit = CONTACT_TOLERANCE * unit
         self._stretched: dict[float, LooseMesh] = {}
         self.volume = item_type.volume * placement.scale**3
         self.box_from_item = placement.pose.at(placement.apply(item_type.middle))  # centred
+
+    def length(self, value: float) -> str:
+        """Return a length as text, such as "2.5 mm"."""
+        return f"{value:.3g} {self._length_unit}".rstrip()
 
     def seen_from(self, other: CheckedItem, unit: float) -> tuple[Floats, Floats]:
         """Return its rotation (3, 3) and, in a unit, its translation (3,) in another's frame."""

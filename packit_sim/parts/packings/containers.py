@@ -294,6 +294,7 @@ def beyond_walls(
     for clearance, (wall, depth) in zip(clearances, beyond(item.vertices), strict=True):
         if not depth + clearance <= slack:
             if clearance and depth <= 0:
-                yield f"is {-depth:.3g} from {wall}: less than the clearance of {clearance:.3g}"
+                least, distance = item.length(clearance), item.length(abs(depth))
+                yield f"is {distance} from {wall}: less than the clearance of {least}"
             else:
-                yield f"reaches {depth:.3g} beyond {wall}"
+                yield f"reaches {item.length(depth)} beyond {wall}"

@@ -150,7 +150,7 @@ class MeshContainer:
         wall = "the container's wall"
         depth = float(np.maximum(-item.low, item.high - self.size).max())
         if not depth <= item.tolerance:
-            yield f"reaches {depth:.3g} beyond {wall}"
+            yield f"reaches {item.length(depth)} beyond {wall}"
             return
         drawn_in = 2 * item.tolerance  # by its tolerance at each side
         unit = drawn_in / CONTACT_TOLERANCE
@@ -169,8 +169,8 @@ class MeshContainer:
             distance = own_mesh.distance(mesh, turn, shift)
             if not distance >= clearance - (item.tolerance if slack is None else slack):
                 yield (
-                    f"is {max(distance, 0.0):.3g} from {wall}: "
-                    f"less than the clearance of {clearance:.3g}"
+                    f"is {item.length(max(distance, 0.0))} from {wall}: "
+                    f"less than the clearance of {item.length(clearance)}"
                 )
 
     def _is_around(self, vertices: Floats, parts: Ints, unit: float) -> bool:

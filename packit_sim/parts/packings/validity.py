@@ -90,8 +90,8 @@ def pair_problems(
             distance = one.stretched_distance(other, stretch)
         if not distance >= clearance - (smaller if slack is None else slack):
             yield (
-                f"{other.name} is {max(distance, 0.0):.3g} from {one.name}: "
-                f"less than the clearance of {clearance:.3g}"
+                f"{other.name} is {other.length(max(distance, 0.0))} from {one.name}: "
+                f"less than the clearance of {other.length(clearance)}"
             )
 
 

@@ -217,9 +217,10 @@ def _placement(task: PackTask, number: int, pose: Floats, container: Container) 
     if fault := prepared.part.turning.fault(rotation):
         return fault
     placement = Placement(number, Motion(rotation, motion.translation))
-    item = CheckedItem(prepared.part.name, prepared.item_type, placement, container.longest)
+    name, longest = prepared.part.name, container.longest
+    item = CheckedItem(name, prepared.item_type, placement, longest, task.unit)
     margin = task.walls.plus(prepared.deviation)
-    slack = ROUNDING * container.longest if task.walls.largest else item.tolerance
+    slack = ROUNDING * longest if task.walls.largest else item.tolerance
     fault = next(container.faults(item, margin, slack), None)
     return f"it {fault}" if fault else placement
 
@@ -239,7 +240,7 @@ def _without_conflicts(
     kept, faults = [], []
     for n in sorted(range(len(placements)), key=lambda n: -task.weights[placements[n].type]):
         name = task.parts[placements[n].type].part.name
-        item = CheckedItem("it", task.types[placements[n].type], placements[n], unit)
+        item = CheckedItem("it", task.types[placements[n].type], placements[n], unit, task.unit)
         end = len(around)
         gaps = np.maximum(low[:end], item.low) - np.minimum(high[:end], item.high)
         gaps *= (1, 1, task.stretch)

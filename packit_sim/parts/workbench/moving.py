@@ -131,7 +131,13 @@ class MovedParts:
         items = [
             *around,
             *(
-                CheckedItem(self.packed.part(one).part.name, packing.types[one.type], one, unit)
+                CheckedItem(
+                    self.packed.part(one).part.name,
+                    packing.types[one.type],
+                    one,
+                    unit,
+                    task.unit,
+                )
                 for one in packing.placements
             ),
         ]
