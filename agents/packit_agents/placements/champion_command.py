@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import packit_sim
 from packit_sim.cli.options import (
     BufferOption,
     KinematicOption,
@@ -17,7 +18,6 @@ from packit_sim.cli.options import (
 from packit_sim.cli.stopping import RESUMABLE, stoppable
 from packit_sim.core.extras import needed_for
 from packit_sim.core.lazy_imports import lazy_imports
-from packit_sim.rules import Rules
 
 with lazy_imports():
     from packit_sim.cli import terminal
@@ -66,7 +66,7 @@ def train_champion_command(
     settings = replace(
         default,
         packs=tuple(train_on or default.packs),
-        rules=Rules(kinematic=kinematic, buffer=buffer, rotations=rotations),
+        rules=packit_sim.Rules(kinematic=kinematic, buffer=buffer, rotations=rotations),
         start=None if start is None else str(start),
         tasks=tasks or default.tasks,
         rounds=rounds or default.rounds,
