@@ -211,7 +211,10 @@ def surroundings(box: Box, item, location) -> dict[str, float]:
     found["contact"] = total / faces
     low = np.array(location)
     high = low + [-(-c // 4) for c in item.cells]
-    bricks = filled[1:-1, 1:-1, 1:-1].reshape(nx, 4, ny, 4, nz, 4).sum(axis=(1, 3, 5)) / 64
+    inside = filled[1:-1, 1:-1, 1:-1]
+    if box.kinematic:  # what nothing can reach from above counts as filled
+        inside = np.logical_or.accumulate(inside[:, :, ::-1], axis=2)[:, :, ::-1]
+    bricks = inside.reshape(nx, 4, ny, 4, nz, 4).sum(axis=(1, 3, 5)) / 64
 
     def free(a, b):
         part = bricks[tuple(slice(p, q) for p, q in zip(a, b, strict=True))]
@@ -236,11 +239,11 @@ def surroundings(box: Box, item, location) -> dict[str, float]:
     return found
 
 
-@given(seed=st.integers(0, 2**32 - 1))
+@given(seed=st.integers(0, 2**32 - 1), kinematic=st.booleans())
 @examples(12)
-def test_features_are_those_of_plain_loops(seed) -> None:
+def test_features_are_those_of_plain_loops(seed, kinematic) -> None:
     items, rng = drawn(seed)
-    box = Box(CELLS)
+    box = Box(CELLS, kinematic=kinematic)
     fill(box, items[:3], rng)
     outside = np.array([False, False, False, True, True])
     found = placements(box, FreeSpace.empty(items, CELLS), outside)
