@@ -48,6 +48,7 @@ TURNED_BUDGET = 512 * 2**20
 _TABLES = [turning_swaps(rotation) for rotation in ALL_ROTATIONS]
 _MAX_SWAPS = max(map(len, _TABLES))
 _NO_FINE: Words = np.zeros((1, 64, 2), dtype=np.uint64)
+"""A page without fine cells, for all bricks of a shadow."""
 
 _SWAPS = np.stack([np.pad(table, ((0, _MAX_SWAPS - len(table)), (0, 0))) for table in _TABLES])
 """The `turning_swaps` of each rotation, with rows of zeros at the end, which have no effect."""
