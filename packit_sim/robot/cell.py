@@ -269,3 +269,14 @@ class RobotCell:
                 raise ArgumentError(
                     f"{name} weighs {mass:.3g} kg: {what} lifts at most {most:.3g} kg"
                 )
+
+
+def walls(cells: Cells) -> dict[str, tuple[Floats, Floats]]:
+    """Return the lowest and the highest corner, (3,), of each wall of a box, in box units."""
+    x, y, z = np.array(cells) * CELL
+    return {
+        "left": (np.array((-WALL, -WALL, 0.0)), np.array((0.0, y + WALL, z))),
+        "right": (np.array((x, -WALL, 0.0)), np.array((x + WALL, y + WALL, z))),
+        "back": (np.array((0.0, -WALL, 0.0)), np.array((x, 0.0, z))),
+        "front": (np.array((0.0, y, 0.0)), np.array((x, y + WALL, z))),
+    }

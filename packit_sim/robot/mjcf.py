@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from lxml import etree
 
-from packit_sim.geometry.arrays import Floats
-from packit_sim.robot.cell import GRAVITY, WALL, RobotCell
+from packit_sim.robot.cell import GRAVITY, Cells, RobotCell, walls
 
 
 def mjcf(
     cell: RobotCell,
-    sides: Floats,
+    cells: Cells,
     meshes: Sequence[str],
     masses: Sequence[float],
     poses: Mapping[int, Sequence[float]],
@@ -21,8 +20,6 @@ def mjcf(
 
     Parameters
     ----------
-    sides : ndarray
-        Inner sides of the box in m.
     meshes : sequence of str
         The mesh file of each item.
     masses : sequence of float
@@ -43,17 +40,8 @@ def mjcf(
     etree.SubElement(default, "geom", friction=_text([cell.friction, 0.005, 0.0001]))
     assets, world = etree.SubElement(model, "asset"), etree.SubElement(model, "worldbody")
     etree.SubElement(world, "geom", name="table", type="plane", size="2 2 0.1")
-    x, y, z = sides.tolist()
-    wide = WALL * cell.edge
-    walls = {
-        "left": ((-wide, -wide), (0, y + wide)),
-        "right": ((x, -wide), (x + wide, y + wide)),
-        "back": ((0, -wide), (x, 0)),
-        "front": ((0, y), (x, y + wide)),
-    }
-    for name, ((low_x, low_y), (high_x, high_y)) in walls.items():
-        half = ((high_x - low_x) / 2, (high_y - low_y) / 2, z / 2)
-        middle = (low_x + half[0], low_y + half[1], half[2])
+    for name, (low, high) in walls(cells).items():
+        half, middle = (high - low) / 2 * cell.edge, (low + high) / 2 * cell.edge
         etree.SubElement(world, "geom", name=name, type="box", size=_text(half), pos=_text(middle))
     for n, pose in sorted(poses.items()):
         name = f"item {n}"
@@ -64,5 +52,5 @@ def mjcf(
     return etree.tostring(model, encoding="unicode", pretty_print=True)
 
 
-def _text(numbers: Sequence[float]) -> str:
+def _text(numbers: Iterable[float]) -> str:
     return " ".join(repr(float(number)) for number in numbers)

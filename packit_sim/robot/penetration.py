@@ -12,13 +12,12 @@ import trimesh
 
 from packit_sim.core.caches import cached_property
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.penetration import DEPTHS, DIRECTIONS
 from packit_sim.placement import LooseMesh
 from packit_sim.robot.arm import CUP
 from packit_sim.robot.arms import arm_of
-from packit_sim.robot.cell import WALL, RobotCell
+from packit_sim.robot.cell import RobotCell, walls
 from packit_sim.robot.trajectory import Trajectory
 
 _SIDES = 48
@@ -150,12 +149,5 @@ def _cup(radius: float, height: float) -> trimesh.Trimesh:
 
 def _surroundings(cell: RobotCell, trajectory: Trajectory) -> list[_Body]:
     """Return the four walls, and the table with the floor of the box."""
-    x, y, z = np.array(trajectory.cells) * CELL
-    ends = [
-        ((-WALL, -WALL, 0), (0, y + WALL, z)),
-        ((x, -WALL, 0), (x + WALL, y + WALL, z)),
-        ((0, -WALL, 0), (x, 0, z)),
-        ((0, y, 0), (x, y + WALL, z)),
-        ((-20, -20, -1), (20, 20, 0)),
-    ]
+    ends = [*walls(trajectory.cells).values(), ((-20, -20, -1), (20, 20, 0))]
     return [_Body(trimesh.creation.box(bounds=np.array(end, dtype=float))) for end in ends]

@@ -83,7 +83,7 @@ def write_replay(trajectory: Trajectory, folder: Path) -> Path:
         for (_, item), pose in zip(one["items"], one["poses"], strict=True)
     }
     meshes, masses = [one["mesh"] for one in attempts], [one["mass"] for one in attempts]
-    model = _written(folder / "cell.xml", mjcf(cell, cell.size(cells), meshes, masses, last))
+    model = _written(folder / "cell.xml", mjcf(cell, cells, meshes, masses, last))
     content = {
         "format": FORMAT,
         "arm": cell.arm,

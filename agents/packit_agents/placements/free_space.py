@@ -182,7 +182,7 @@ class FreeSpace:
         self.items = items
         self._rows = list(rows)
         self._known = list(known)
-        self._shadow: tuple[int, tuple[Any, ...]] = (0, ())
+        self._shadow: tuple[int, tuple[Any, ...]] | None = None
 
     @classmethod
     def empty(
@@ -243,15 +243,16 @@ class FreeSpace:
             if box.kinematic:
                 down = spans.copy()
                 down[:, 2] = 0
-                remove_blocked(self._shadow_of(box), self.items[item].arrays, own, down)
+                remove_blocked(self.shadow(box), self.items[item].arrays, own, down)
             self._rows[item], self._known[item] = own, count
         if is_checking():
             self._assert_same_as_whole(item, box)
         return self._rows[item]
 
-    def _shadow_of(self, box: BaseBox[Any]) -> tuple[Any, ...]:
+    def shadow(self, box: BaseBox[Any]) -> tuple[Any, ...]:
+        """Return the fields of the `BoxArrays` of a box's shadow (see `rows` for the box)."""
         count = len(box.spans)
-        if self._shadow[0] != count:
+        if self._shadow is None or self._shadow[0] != count:
             self._shadow = count, shadow_arrays(box.arrays)
         return self._shadow[1]
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_agents.placements.free_kernels import corners, count_free
-from packit_agents.placements.free_space import FreeSpace, LoneItem, shadow_arrays
+from packit_agents.placements.free_space import FreeSpace, LoneItem
 from packit_agents.placements.measure_kernels import MEASURES, measure, neighbours, sum_filled
 from packit_sim.box import BaseBox
 from packit_sim.core.caches import cached_property
@@ -151,7 +151,7 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
     """
     nz, volume = box.nodes[2], box.volume
     arrays = box.arrays
-    closed = shadow_arrays(arrays) if box.kinematic else arrays
+    closed = space.shadow(box) if box.kinematic else arrays
     near, sums = neighbours(arrays, nz), sum_filled(closed, nz)
     fitting = [n for n in np.flatnonzero(outside).tolist() if space.items[n].items]
     volumes = {n: space.items[n].items[0].volume for n in fitting}
