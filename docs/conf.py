@@ -42,7 +42,7 @@ nitpick_ignore_regex = [
     ("py:obj", r"packit_sim\.(\w+_policies|searches|commands|shape_sources)"),
     (
         "py:.*",
-        r"packit_sim\.(box\.BaseBox|core\.typed_json\.JsonRecord|engine\..*"
+        r"packit_sim\.(box\.(BaseBox|Disturbance)|core\.typed_json\.JsonRecord|engine\..*"
         r"|game\.envs\.(pictures\.Pictured|specs\.WritableSpec)"
         r"|game\.evaluation\.executed\.Executed"
         r"|geometry\.(deviation\.Surface|items\.(AtPose|ItemT|PosedItem)|parts\.Parts|voxels\.Voxels)"

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Self
 
 import numpy as np
@@ -25,6 +25,22 @@ from packit_sim.geometry.lattice import BOX_CELLS, CELL, ORIGIN, STEP, Triple, b
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import unpack
 from packit_sim.placement import Blockers, Mask, Occupancy, checked_location
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """How far items move when one is placed, relative to a movement that counts as unstable.
+
+    Attributes
+    ----------
+    own : float
+        Movement of the new item from where it is placed.
+    others : float
+        Largest movement of another item from where it came to rest.
+    """
+
+    own: float = 0.0
+    others: float = 0.0
 
 
 class BaseBox(ABC, Generic[ItemT]):
@@ -202,7 +218,9 @@ class BaseBox(ABC, Generic[ItemT]):
         """
         return self._is_feasible(PlacedItem(item, checked_location(self.cells, location)))
 
-    def disturbance(self, item: Item, location: Sequence[int], limit: float = math.inf) -> float:
+    def disturbance(
+        self, item: Item, location: Sequence[int], limit: float = math.inf
+    ) -> Disturbance:
         """Predict how far items move if one is placed at a location where it is feasible.
 
         Parameters
@@ -212,15 +230,14 @@ class BaseBox(ABC, Generic[ItemT]):
         location : sequence of int
             The grid node (i, j, k).
         limit : float
-            A value above which the exact one does not matter.
+            A movement of other items above which the exact one does not matter.
 
         Returns
         -------
-        float
-            The largest movement of an item from where it is now, or is placed, relative to one that
-            counts as unstable; 0 in a box whose items stay on the grid.
+        Disturbance
+            The predicted movements; 0 in a box whose items stay on the grid.
         """
-        return 0.0
+        return Disturbance()
 
     @abstractmethod
     def put(self, item: Item, location: Sequence[int]) -> float:

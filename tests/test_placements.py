@@ -35,7 +35,7 @@ from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
 from packit_agents.placements.scored_layout import ScoredLayout
 from packit_agents.placements.stable_choice import MAX_RELEASED, choose_stable
 from packit_agents.planning.budgets import Budget
-from packit_sim.box import Box
+from packit_sim.box import Box, Disturbance
 from packit_sim.core import debugging
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.pack_files import load_tasks
@@ -531,10 +531,10 @@ def test_weights_that_do_not_fit_are_refused(tmp_path, monkeypatch) -> None:
 
 
 class Candidates:
-    """Placements with a loss each, in a box in which each has a disturbance."""
+    """Placements with a loss each, in a box in which each moves itself and other items."""
 
-    def __init__(self, lost: list[float], disturbances: list[float]) -> None:
-        self.losses, self.disturbances = lost, disturbances
+    def __init__(self, lost: list[float], own: list[float], others: list[float]) -> None:
+        self.losses, self.own, self.others = lost, own, others
         self.released: list[int] = []
 
     def lost(self, number):
@@ -545,22 +545,24 @@ class Candidates:
 
     def disturbance(self, item, location, limit):
         self.released.append(location[0])
-        return min(self.disturbances[location[0]], limit + 0.1)
+        number = location[0]
+        return Disturbance(self.own[number], min(self.others[number], limit + 0.1))
 
 
 @pytest.mark.parametrize(
-    ("lost", "disturbances", "released", "chosen"),
+    ("lost", "own", "others", "released", "chosen"),
     [
-        ([0, 0], [0.1, 0.0], [0], 0),
-        ([0, 0, 0], [2.0, 0.95, 0.2], [0, 1, 2], 2),
-        ([3, 0, 1], [0.0, 2.0, 0.1], [1, 2], 2),  # the least loss of those that are stable
-        ([0, 0, 0], [2.0, 1.1, 3.0], [0, 1, 2], 1),  # none is stable
-        ([0] * 20, [*[2.0] * 19, 0.0], [*range(MAX_RELEASED)], 0),
-        ([], [], [], None),
+        ([0, 0], [0.1, 0.0], [0.0, 0.0], [0], 0),
+        ([0, 0, 0], [0.1, 0.95, 0.2], [2.0, 0.1, 0.3], [0, 1, 2], 2),
+        ([3, 0, 1], [0.0, 2.0, 0.1], [0.0] * 3, [1, 2], 2),  # the least loss of the stable ones
+        ([0, 0, 0], [2.0, 0.1, 3.0], [1.2, 1.1, 1.3], [0, 1, 2], 1),  # none is stable
+        ([0, 0, 0], [0.1, 4.0, 3.0], [1.1, 0.1, 0.2], [0, 1, 2], 2),  # only the item itself moves
+        ([0] * 20, [*[2.0] * 19, 0.0], [0.0] * 20, [*range(MAX_RELEASED)], 0),
+        ([], [], [], [], None),
     ],
 )
-def test_a_placement_that_disturbs_nothing_is_chosen(lost, disturbances, released, chosen) -> None:
-    found = Candidates(lost, disturbances)
+def test_a_placement_that_moves_nothing_is_chosen(lost, own, others, released, chosen) -> None:
+    found = Candidates(lost, own, others)
     assert choose_stable(found, range(len(lost)), found) == chosen  # type: ignore[arg-type]
     assert found.released == released
 

@@ -24,7 +24,7 @@ from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.episodes.episode import Episode
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.items import PlacedItem, PosedItem
+from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.rotations import MATRICES
@@ -37,7 +37,7 @@ from packit_sim.render import robot_films
 from packit_sim.robot.arm import Route, ToolPath
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import RobotCell, SuctionGripper
-from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
+from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, PosedBodies
 from packit_sim.robot.executed_item import Outcome
 from packit_sim.robot.gantry import GANTRY, Gantry
 from packit_sim.robot.grasps import Grasp, best_grasp
@@ -432,10 +432,13 @@ def test_padded_bodies_keep_clear_of_boxes() -> None:
     body = PaddedBody.of(creation.box((0.1, 0.1, 0.1)))
     obstacles = Obstacles.of([((-1, -1, -1), (1, 1, 0))])
     for height, expected in ((0.05 + PADDING * 0.9, False), (0.05 + PADDING * 1.3, True)):
-        pose = Motion.shift((0, 0, height))
-        assert obstacles.is_clear(body, pose) == expected
-        assert are_apart(body, Motion.shift((0, 0, -0.05)), body, pose) == (height > 0.06)
-    assert not obstacles.is_clear(body, Motion.shift((0, 0, -0.5)))  # enclosed
+        poses = (Motion.shift((0, 0, -0.05)), Motion.shift((0, 0, height)))
+        there = PosedBodies((body, body), poses)
+        assert there.are_clear(obstacles, first=1) == expected
+        assert not there.are_clear(obstacles)
+        assert there.are_apart(np.array([(0, 1)])) == (height > 0.06)
+    enclosed = PosedBodies((body,), (Motion.shift((0, 0, -0.5)),))
+    assert not enclosed.are_clear(obstacles)
 
 
 def test_an_item_without_a_grasp_is_set_aside() -> None:
@@ -543,10 +546,28 @@ def test_a_placement_that_topples_is_foreseen() -> None:
     box = RobotBox(CELLS, CELL)
     box.put(block(8, 8, 8), (1, 1, 0))
     before = box.snapshot()
-    whole = box.disturbance(SLAB, (1, 1, 2))
-    assert whole > 1 and 0.3 < box.disturbance(SLAB, (1, 1, 2), 0.3) < 1  # ends early
-    assert box.disturbance(SLAB, (0, 3, 0)) < 0.1
+    toppled = box.disturbance(SLAB, (1, 1, 2))
+    assert toppled.own > 1 and toppled.others < 0.1
+    beside = box.disturbance(SLAB, (0, 3, 0))
+    assert max(beside.own, beside.others) < 0.1
     assert box.snapshot() == before
+
+
+def test_what_a_placement_does_to_other_items_is_foreseen_from_where_they_came_to_rest() -> None:
+    box = RobotBox(CELLS, CELL)
+    box.put(block(8, 8, 8), (1, 1, 0))
+    box.put(block(14, 8, 2), (1, 1, 2))  # its right end is over nothing
+    weight, (_, plank) = block(8, 8, 8), box.placed
+    assert plank.moved[1] < 1
+    tipped = box.disturbance(weight, (3, 1, 3))
+    assert tipped.others > 1
+    assert box.disturbance(weight, (1, 1, 3)).others < 0.2
+    shifted = replace(plank, landed=plank.posed.moved(Motion.shift((0.03, 0.0, 0.0))))
+    box.restore(BoxState(CELLS, (box.placed[0], shifted)))
+    assert 0.3 < box.disturbance(weight, (1, 1, 3)).others < 0.6  # 9 of 20 mm
+    gone = replace(plank, landed=plank.posed.moved(Motion.shift((0.1, 0.0, 0.0))))
+    box.restore(BoxState(CELLS, (box.placed[0], gone)))
+    assert gone.collapsed and box.disturbance(weight, (1, 1, 3)).others < 0.2
 
 
 def test_snapshots_are_restored(box: RobotBox) -> None:

@@ -29,6 +29,8 @@ UNIT_SLACK = 1e-3
 _SAME_SCALE = 1e-12
 """Scales that differ from 1 by less are 1: rounding of double precision."""
 
+_EYE = np.eye(4)
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -65,8 +67,7 @@ class Motion:
         matrix = affine(self.rotation, self.translation)
         matrix.setflags(write=False)
         rotation, translation = split(matrix)
-        error = np.abs(rotation.T @ rotation - np.eye(3)).max()
-        if not (error <= 10 * ROTATION_SLACK and np.linalg.det(rotation) > 0):
+        if not _is_rotation(rotation, 10 * ROTATION_SLACK):
             raise ArgumentError(f"{rotation.tolist()} is no rotation matrix")
         for name, array in zip(
             ("matrix", "rotation", "translation"), (matrix, rotation, translation), strict=True
@@ -221,7 +222,7 @@ class Motion:
 
 def affine(linear: Floats, translation: Floats) -> Floats:
     """Return the matrix (4, 4) of a linear map (3, 3) followed by a translation (3,)."""
-    matrix = np.eye(4)
+    matrix = _EYE.copy()
     matrix[:3, :3] = linear
     matrix[:3, 3] = translation
     return matrix
@@ -230,6 +231,18 @@ def affine(linear: Floats, translation: Floats) -> Floats:
 def split(matrix: Floats) -> tuple[Floats, Floats]:
     """Return the linear map (3, 3) and the translation (3,) of a matrix (4, 4), as views."""
     return np.asarray(matrix[:3, :3]), np.asarray(matrix[:3, 3])
+
+
+def _is_rotation(matrix: Floats, slack: float) -> bool:
+    """Decide whether a matrix (3, 3) is a rotation, in plain numbers: motions are made often."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    lengths = (a * a + d * d + g * g, b * b + e * e + h * h, c * c + f * f + i * i)
+    products = (a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i)
+    return (
+        all(abs(length - 1) <= slack for length in lengths)
+        and all(abs(product) <= slack for product in products)
+        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
+    )
 
 
 IDENTITY = Motion()

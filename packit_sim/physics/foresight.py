@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from packit_sim.box import Disturbance
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import Contents, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.physics.settings import PhysicsSettings
@@ -22,9 +24,11 @@ _CHECK = 10
 _STILL_CHECKS = 3
 """Checks in which items that have come to rest do not move: an eighth of a second by default."""
 
-_STILL = 0.02
-"""Largest change of a movement in these checks. Items that begin to topple move by more: from rest,
-an acceleration of 0.5% of gravity is enough in a box of 0.3 m."""
+_STILL = 0.005
+"""Largest change of a movement in these checks."""
+
+_PATIENCE = 0.5
+"""Simulated time before items can have come to rest: what topples begins slowly."""
 
 Movement = Callable[[PosedItem, PosedItem], float]
 """Measures how far an item has moved from one pose to another."""
@@ -34,9 +38,10 @@ def foreseen_movement(
     box: Contents[PosedItem],
     settings: PhysicsSettings,
     movement: Movement,
+    origins: Sequence[PosedItem],
     limit: float = math.inf,
-) -> float:
-    """Release all items at once, and see how far one moves.
+) -> Disturbance:
+    """Release all items at once, and see how far the last one and the others move.
 
     Parameters
     ----------
@@ -45,28 +50,34 @@ def foreseen_movement(
         share the work on the others.
     movement : callable
         Measures how far an item has moved, as a number to compare with `limit`.
+    origins : sequence of PosedItem
+        From where the movements of the others count.
     limit : float
-        A movement after which the simulation ends early.
+        A movement of another item after which the simulation ends early.
 
     Returns
     -------
-    float
-        The largest movement at the end: once it is above the limit, no item moves any more, or
+    Disturbance
+        The movements at the end: once another item's is above the limit, no item moves any more, or
         `SECONDS` are over.
     """
     pieces, _ = fitted_pieces(box.placed, settings)
-    seen = [np.zeros(len(pieces))]
+    *_, released = box.placed
+    starts = (*origins, released)
+    seen: list[Floats] = []
     with World(np.array(box.cells) * CELL, settings) as world:
         for own, mass in zip(pieces, masses(box, settings), strict=True):
             world.add(own, mass)
-        for _ in range(math.ceil(SECONDS / (settings.step * _CHECK))):
+        interval = settings.step * _CHECK
+        for _ in range(math.ceil(SECONDS / interval)):
             for _ in range(_CHECK):
                 world.step()
-            both = zip(box.placed, world.moves, strict=True)
-            seen.append(np.array([movement(start, start.moved(move)) for start, move in both]))
-            if seen[-1].max() > limit:
+            each = zip(starts, box.placed, world.moves, strict=True)
+            seen.append(np.array([movement(start, now.moved(move)) for start, now, move in each]))
+            if seen[-1][:-1].max(initial=0.0) > limit:
                 break
-            earlier = seen[max(len(seen) - 1 - _STILL_CHECKS, 0)]
-            if len(seen) > _STILL_CHECKS and np.abs(seen[-1] - earlier).max() < _STILL:
+            if len(seen) <= max(_STILL_CHECKS, _PATIENCE / interval):
+                continue
+            if np.abs(seen[-1] - seen[-1 - _STILL_CHECKS]).max() < _STILL:
                 break
-    return float(seen[-1].max())
+    return Disturbance(own=float(seen[-1][-1]), others=float(seen[-1][:-1].max(initial=0.0)))

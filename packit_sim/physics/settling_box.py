@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from packit_sim.box import BaseBox
+from packit_sim.box import BaseBox, Disturbance
 from packit_sim.core.debugging import is_checking
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.core.sums import plain_sum
@@ -97,12 +97,15 @@ class SettlingBox(BaseBox[SettledItem]):
         self._occupancy = occupancy
         return settled
 
-    def disturbance(self, item: Item, location: Sequence[int], limit: float = math.inf) -> float:
+    def disturbance(
+        self, item: Item, location: Sequence[int], limit: float = math.inf
+    ) -> Disturbance:
         def movement(before: PosedItem, after: PosedItem) -> float:
             return farthest(before.vertices, after.vertices) / DISTANCE
 
         start = self._with(PlacedItem(item, checked_location(self.cells, location)))
-        return foreseen_movement(start, self.settings, movement, limit)
+        origins = [one.landed if one.counts and one.landed else one.posed for one in self.placed]
+        return foreseen_movement(start, self.settings, movement, origins, limit)
 
     def put(self, item: Item, location: Sequence[int]) -> float:
         before = self.counted

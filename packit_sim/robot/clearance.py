@@ -60,23 +60,39 @@ class Obstacles:
         meshes = (LooseMesh(np.array(one.vertices), np.array(one.faces)) for one in boxes)
         return cls(bounds[:, 0], bounds[:, 1], tuple(meshes))
 
-    def is_clear(self, body: PaddedBody, pose: Motion) -> bool:
-        """Decide whether a body at a pose is in none of them."""
-        middle = pose.apply(body.center)
-        gaps = np.maximum(np.maximum(self.low - middle, middle - self.high), 0.0)
-        near = np.flatnonzero((gaps**2).sum(axis=1) <= body.radius**2)
-        turn = np.ascontiguousarray(pose.rotation)
-        for n in near.tolist():
-            if not gaps[n].any() or self.meshes[n].crosses(body.mesh, pose.translation, turn):
+
+class PosedBodies:
+    """Bodies at poses; a pose more than bodies is not looked at."""
+
+    def __init__(self, bodies: Sequence[PaddedBody], poses: Sequence[Motion]) -> None:
+        self._bodies, self._poses = bodies, poses
+        both = zip(bodies, poses, strict=False)
+        self._middles = np.array([pose.apply(body.center) for body, pose in both])
+        self._radii = np.array([body.radius for body in bodies])
+
+    def are_clear(self, obstacles: Obstacles, first: int = 0) -> bool:
+        """Decide whether no body from a first one on is in an obstacle."""
+        middles = self._middles[first:, None]
+        gaps = np.maximum(np.maximum(obstacles.low - middles, middles - obstacles.high), 0.0)
+        near = (gaps**2).sum(axis=2) <= self._radii[first:, None] ** 2
+        if (near & ~gaps.any(axis=2)).any():
+            return False
+        for n, which in np.argwhere(near).tolist():
+            body, pose = self._bodies[first + n], self._poses[first + n]
+            turn = np.ascontiguousarray(pose.rotation)
+            if obstacles.meshes[which].crosses(body.mesh, pose.translation, turn):
                 return False
         return True
 
+    def are_apart(self, pairs: npt.NDArray[np.int64]) -> bool:
+        """Decide whether no two of these pairs (n, 2) of numbers cross."""
+        one, other = pairs.T
+        gaps = self._middles[other] - self._middles[one]
+        near = (gaps**2).sum(axis=1) <= (self._radii[one] + self._radii[other]) ** 2
+        return not any(self._cross(*pair) for pair in pairs[near].tolist())
 
-def are_apart(one: PaddedBody, pose: Motion, other: PaddedBody, other_pose: Motion) -> bool:
-    """Decide whether two bodies at poses do not cross."""
-    gap = other_pose.apply(other.center) - pose.apply(one.center)
-    if gap @ gap > (one.radius + other.radius) ** 2:
-        return True
-    between = other_pose.seen_from(pose)
-    turn = np.ascontiguousarray(between.rotation)
-    return not one.mesh.crosses(other.mesh, between.translation, turn)
+    def _cross(self, one: int, other: int) -> bool:
+        between = self._poses[other].seen_from(self._poses[one])
+        turn = np.ascontiguousarray(between.rotation)
+        mesh = self._bodies[one].mesh
+        return mesh.crosses(self._bodies[other].mesh, between.translation, turn)

@@ -71,6 +71,11 @@ class ExecutedItem(AtPose):
         """Distance and angle from where it came to rest."""
         return apart(self.landed, self.posed)
 
+    @property
+    def collapsed(self) -> bool:
+        """Whether it has moved far from where it came to rest."""
+        return movement(self.landed, self.posed) > 1
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ExecutedItem):
             return NotImplemented

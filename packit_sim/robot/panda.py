@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -29,7 +29,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.robot.arm import CUP, STATION_REACH, Arm, Route, ToolPath, tool_rotation
 from packit_sim.robot.cell import PANDA, TILTED_TOOL, TUBE, WALL, Cells, RobotCell
-from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, are_apart
+from packit_sim.robot.clearance import PADDING, Obstacles, PaddedBody, PosedBodies
 from packit_sim.robot.motion import along
 from packit_sim.robot.paths import find_path
 from packit_sim.robot.urdf import TILT, tilting_tip
@@ -270,10 +270,9 @@ class Panda(Arm):
         held.apply_transform(self.poses(_level(up[0]))[-1].inverse().matrix)
         top = float(path.retreat[2]) - self.cell.clearance
         obstacles = self._obstacles(top)
-        bodies = dict(enumerate(self._padded))
-        with_item = bodies | {len(bodies): PaddedBody.of(held)}
-        tubes = self.cell.level  # the last bodies: they come down where the item comes down
-        links = dict(enumerate(self._padded[:-tubes]))
+        bodies = self._padded
+        with_item = (*bodies, PaddedBody.of(held))
+        links = bodies[: -self.cell.level]  # without the tubes: they come down where the item does
         nearby = self._obstacles(top, table=False)
         checks = [(fetch, bodies, nearby), (up, with_item, nearby), (aside, bodies, obstacles)]
         checks += [(one, links, obstacles) for one in (fetch, insert, retreat)]
@@ -316,11 +315,16 @@ class Panda(Arm):
         return tuple(map(PaddedBody.of, self.bodies))
 
     @cached_property
-    def _pairs(self) -> list[tuple[int, int]]:
-        """Pairs of bodies that can meet: those that are apart at home."""
-        poses = self.poses(_level(self._inverse(self._home(0.0))[0]))
-        pairs = combinations(enumerate(self._padded), 2)
-        return [(i, j) for (i, a), (j, b) in pairs if are_apart(a, poses[i], b, poses[j])]
+    def _pairs(self) -> npt.NDArray[np.int64]:
+        """Pairs of bodies that can meet, (n, 2): those that are apart at home.
+
+        The number after those of the arm is that of the held item.
+        """
+        there = PosedBodies(self._padded, self.poses(_level(self._inverse(self._home(0.0))[0])))
+        pairs = np.array([*combinations(range(len(self._padded)), 2)])
+        hand = HAND if self.cell.level == 1 else len(self.bodies) - self.cell.level
+        held = [(n, len(self.bodies)) for n in range(hand)]
+        return np.array([*(pair for pair in pairs if there.are_apart(pair[None])), *held])
 
     def _home(self, top: float) -> Floats:
         """Return where the cup is before and after, (1, 3): between the box and the station."""
@@ -341,31 +345,20 @@ class Panda(Arm):
         ends += [((-far, -far, -1), (far, far, 0))] if table else []
         return Obstacles.of([*ends, item] if item is not None else ends)
 
-    def _is_clear(
-        self, free: Floats, bodies: Mapping[int, PaddedBody], obstacles: Obstacles
-    ) -> bool:
-        """Decide whether bodies, by number, are clear of obstacles and of each other.
+    def _is_clear(self, free: Floats, bodies: Sequence[PaddedBody], obstacles: Obstacles) -> bool:
+        """Decide whether the first bodies are clear of obstacles and of each other.
 
-        The number after those of the arm is that of the held item. Body 0 is fixed. The tubes
-        are clear of the held item at any tilt, by the choice of grasps.
+        Body 0 is fixed. The tubes are clear of the held item at any tilt, by the choice of grasps.
         """
-        poses = self.poses(_level(free))
-        moving = {n: (body, poses[n]) for n, body in bodies.items()}
-        if not all(obstacles.is_clear(*one) for n, one in moving.items() if n):
-            return False
-        hand = HAND if self.cell.level == 1 else len(self.bodies) - self.cell.level
-        held = ((n, len(self.bodies)) for n in range(hand))
-        return all(
-            are_apart(*moving[i], *moving[j])
-            for i, j in (*self._pairs, *held)
-            if i in moving and j in moving
-        )
+        there = PosedBodies(bodies, self.poses(_level(free)))
+        pairs = self._pairs[(self._pairs < len(bodies)).all(axis=1)]
+        return there.are_clear(obstacles, first=1) and there.are_apart(pairs)
 
     def _path(
         self,
         start: Floats,
         goal: Floats,
-        bodies: Mapping[int, PaddedBody],
+        bodies: Sequence[PaddedBody],
         obstacles: Obstacles,
         rng: np.random.Generator,
     ) -> Floats | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 import trimesh
@@ -31,13 +30,13 @@ class _Body:
         vertices = np.array(mesh.vertices, dtype=np.float64)
         faces = np.array(mesh.faces, dtype=np.int64)
         self.mesh = LooseMesh(vertices, faces)
-        ends = np.stack((vertices.min(axis=0), vertices.max(axis=0)))
-        self._corners = np.array([np.where(side, *ends) for side in product((0, 1), repeat=3)])
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        self._center, self._half = (low + high) / 2, (high - low) / 2
 
     def bounds(self, pose: Motion) -> Floats:
         """Return a box (2, 3) around it at a pose."""
-        corners = pose.apply(self._corners)
-        return np.stack((corners.min(axis=0), corners.max(axis=0)))
+        center, half = pose.apply(self._center), np.abs(pose.rotation) @ self._half
+        return np.array((center - half, center + half))
 
 
 @dataclass(frozen=True, eq=False)

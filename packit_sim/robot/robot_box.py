@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from packit_sim import placement
-from packit_sim.box import BaseBox
+from packit_sim.box import BaseBox, Disturbance
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
@@ -125,14 +125,18 @@ class RobotBox(BaseBox[Any]):
         self._execute(candidate)
         return self._counted - before
 
-    def disturbance(self, item: Item, location: Sequence[int], limit: float = math.inf) -> float:
+    def disturbance(
+        self, item: Item, location: Sequence[int], limit: float = math.inf
+    ) -> Disturbance:
         planned = self._lowered(PlacedItem(item, checked_location(self.cells, location)))
         if self.cell.open_loop:
-            others = [one.planned for one in self._tried]
+            others = origins = [one.planned for one in self._tried]
         else:
-            others = [one.posed for one in self._tried if is_over(self.cells, one.posed)]
+            there = [one for one in self._tried if is_over(self.cells, one.posed)]
+            others = [one.posed for one in there]
+            origins = [one.posed if one.collapsed else one.landed for one in there]
         start = BoxState(self.cells, (*others, planned))
-        return foreseen_movement(start, self.cell.world, movement, limit)
+        return foreseen_movement(start, self.cell.world, movement, origins, limit)
 
     def snapshot(self) -> BoxState[ExecutedItem]:
         return BoxState(self.cells, self._tried)

@@ -14,7 +14,7 @@ MAX_RELEASED = 12
 """Placements that are simulated before one is chosen."""
 
 MAX_DISTURBANCE = 0.9
-"""Largest disturbance of a placement that is stable (see `BaseBox.disturbance`)."""
+"""Largest movement of any item after a placement that is stable (see `BaseBox.disturbance`)."""
 
 
 def choose_stable(found: Placements, feasible: Iterable[int], box: BaseBox[Any]) -> int | None:
@@ -31,17 +31,18 @@ def choose_stable(found: Placements, feasible: Iterable[int], box: BaseBox[Any])
     Returns
     -------
     int or None
-        The placement. If none is stable, it is the one that disturbs least; None if no placement
-        is feasible.
+        The placement. If none is stable, it is the one that moves other items least, and among
+        those that don't move them far, the item itself least; None if no placement is feasible.
     """
-    disturbances: dict[int, float] = {}
+    movements: dict[int, tuple[float, float]] = {}
     for number in itertools.islice(_by_loss(found, feasible), MAX_RELEASED):
         placed = found.placed(number)
-        limit = max(MAX_DISTURBANCE, min(disturbances.values(), default=math.inf))
-        disturbances[number] = box.disturbance(placed.item, placed.location, limit)
-        if disturbances[number] < MAX_DISTURBANCE:
+        limit = min((others for others, _ in movements.values()), default=math.inf)
+        moved = box.disturbance(placed.item, placed.location, limit)
+        if max(moved.own, moved.others) < MAX_DISTURBANCE:
             return number
-    return min(disturbances, key=disturbances.__getitem__, default=None)
+        movements[number] = max(moved.others, MAX_DISTURBANCE), moved.own
+    return min(movements, key=movements.__getitem__, default=None)
 
 
 def _by_loss(found: Placements, feasible: Iterable[int]) -> Iterable[int]:
