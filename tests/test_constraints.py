@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -118,7 +119,7 @@ def test_what_remains_is_not_filtered_again() -> None:
         ({"max_loads": {0: 1.0}}, "need masses"),
         ({"max_loads": {0: math.nan}, "masses": (1.0,)}, "max_load nan"),
         ({"masses": (math.inf,)}, "mass inf"),
-        ({"metres": 0.0}, "metres 0.0"),
+        ({"unit": "yard"}, "unit 'yard' is not known: choose from micron, mm"),
     ],
 )
 def test_bad_constraints_are_one_clear_error(settings, message) -> None:
@@ -161,6 +162,7 @@ def test_what_hangs_over_an_edge_falls_and_is_left_out() -> None:
     constraints = Constraints(stable=2.0, masses=(10.0, 10.0, 10.0))
     found = broken_constraints(packing, constraints)
     assert [(one.constraint, one.part) for one in found] == [("stable", 2)]
+    assert re.search(r" moves by [\d.]+ mm: at most 2 mm$", found[0].sentence)
     filtered = filter_packing(packing, constraints)
     assert filtered.kept == (0, 1)
     assert broken_constraints(filtered.packing, constraints) == []

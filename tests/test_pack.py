@@ -184,8 +184,8 @@ def test_the_check_finds_parts_that_overlap_or_are_outside(folder) -> None:
     first = box.placements[0]
     onto = moved(packed, tuple(box.vertices(first)[0] - box.vertices(last).mean(axis=0)))
     assert any("crosses" in each for each in check(onto).problems)
-    assert any("less than 0.5" in each for each in check(onto).problems)
-    assert any("walls" in each for each in check(moved(packed, (0, 0, -0.5))).problems)
+    assert any("less than 0.5 cm" in each for each in check(onto).problems)
+    assert any("1 cm to the walls" in each for each in check(moved(packed, (0, 0, -0.5))).problems)
 
 
 def test_a_closed_part_inside_another_is_found() -> None:

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Literal
 
+from packit_sim.core.errors import ArgumentError
+
 Unit = Literal["micron", "mm", "cm", "in", "ft", "m"]
 
 UNITS_CM: Mapping[Unit, float] = {
@@ -14,3 +16,27 @@ UNITS_CM: Mapping[Unit, float] = {
     "m": 100.0,
 }
 """Centimetres in a unit of length."""
+
+
+def check_unit(unit: str) -> Unit:
+    """Return a unit of length.
+
+    Parameters
+    ----------
+    unit : str
+        Its name.
+
+    Returns
+    -------
+    str
+        The same name.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such unit.
+    """
+    for known in UNITS_CM:
+        if unit == known:
+            return known
+    raise ArgumentError(f"unit {unit!r} is not known: choose from {', '.join(UNITS_CM)}")

@@ -10,7 +10,7 @@ from pathlib import Path
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.choices import Door, LoadingOrder, SearchBackend
 from packit_sim.core.errors import about
-from packit_sim.core.length_units import Unit
+from packit_sim.core.length_units import Unit, check_unit
 from packit_sim.core.parallel import check_search_workers
 from packit_sim.parts.filling.groups import GROUP_RULES
 from packit_sim.parts.handling.constraints import CustomConstraint
@@ -21,7 +21,6 @@ from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.limits import NO_LIMITS, Limits
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.powder import Powder
-from packit_sim.parts.reading.units import check_unit
 
 
 @dataclass(frozen=True)

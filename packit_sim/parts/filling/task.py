@@ -120,7 +120,7 @@ class PackTask:
                 for each in self.all_parts
             ),
             fixed=frozenset(range(len(self.fixed))),
-            metres=centimetres / 100,
+            unit=self.unit,
         )
 
     @cached_property

@@ -146,9 +146,10 @@ def broken_by_motion(
         if not moved[part] <= most:
             new = order[stage - 1]
             name, after = _name(packing, part), f" when {_name(packing, new)} is put in"
-            sentence = f"{name} moves by {moved[part]:.3g}{after if new != part else ''}: "
+            sentence = f"{name} moves by {moved[part]:.3g} {constraints.unit}"
+            sentence += f"{after if new != part else ''}: at most {most:.3g} {constraints.unit}"
             others = () if new == part else (new,)
-            yield stage, BrokenConstraint("stable", part, others, f"{sentence}at most {most:.3g}")
+            yield stage, BrokenConstraint("stable", part, others, sentence)
 
 
 def _move(packing: Packing, part: int, constraints: Constraints) -> tuple[str, str]:

@@ -10,6 +10,7 @@ from typing import Protocol
 from packit_sim.core.checks import Range, check_range
 from packit_sim.core.choices import Door
 from packit_sim.core.errors import ArgumentError, about
+from packit_sim.core.length_units import UNITS_CM, Unit, check_unit
 from packit_sim.parts.handling.sweeps import check_door
 from packit_sim.parts.packings.bounds import LENGTHS, LOADS
 from packit_sim.parts.packings.container_files import form_of
@@ -66,8 +67,8 @@ class Constraints:
     fixed : frozenset of int
         The numbers of placements that stay where they are, such as parts that belong to the box.
         They are in the way of others, and nobody has to take them out.
-    metres : float
-        The container's unit in metres, for `stable`.
+    unit : str
+        The container's unit of length, for `stable`: a name of `UNITS_CM`.
     physics : PhysicsSettings, optional
         The simulated world, for `stable`; by default that of `stability`.
 
@@ -87,20 +88,25 @@ class Constraints:
     max_loads: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
     masses: tuple[float, ...] | None = None
     fixed: frozenset[int] = frozenset()
-    metres: float = 0.001
+    unit: Unit = "mm"
     physics: PhysicsSettings | None = None
 
     def __post_init__(self) -> None:
         check_door(self.door)
         if self.stable is not None:
             check_range("stable", self.stable, LENGTHS)
-        check_range("metres", self.metres, LENGTHS)
+        check_unit(self.unit)
         for load in self.max_loads.values():
             check_range("max_load", load, LOADS)
         for mass in self.masses or ():
             check_range("mass", mass, Range(0, ends="[)"))
         if self.masses is None and (self.max_loads or self.stable is not None):
             raise ArgumentError("load limits and stability need masses: one for each type of parts")
+
+    @property
+    def metres(self) -> float:
+        """The container's unit in metres."""
+        return UNITS_CM[self.unit] / 100
 
     @property
     def is_empty(self) -> bool:

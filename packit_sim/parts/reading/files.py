@@ -16,7 +16,7 @@ from typing import Any
 from packit_sim.core.errors import ArgumentError, LibraryError, MeshError, located
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.files import exists
-from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.core.length_units import UNITS_CM, Unit, check_unit
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.mesh_files import SUFFIXES, read, read_parts
 from packit_sim.libraries.raw_meshes import RawPart
@@ -26,7 +26,7 @@ from packit_sim.parts.packings.turning import ANY_TURN, Turning
 from packit_sim.parts.reading.file_copies import FileCopies, FileCopy
 from packit_sim.parts.reading.manifest import MANIFESTS, SURPLUS, ManifestRow, read_manifest
 from packit_sim.parts.reading.part import Part, rotation_set
-from packit_sim.parts.reading.units import check_unit, lengths, unit_of
+from packit_sim.parts.reading.units import lengths, unit_of
 
 _COUNTED = re.compile(r"(?P<path>.+)=(?P<count>\d{1,30}|max|fill)")
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim.core.errors import ArgumentError, located
+from packit_sim.core.length_units import check_unit
 from packit_sim.core.typed_json import MAX_DIGITS, refuse_long_integers
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.packings.bounds import COUNTS, PRIORITIES
@@ -25,7 +26,6 @@ from packit_sim.parts.reading.tables import (
     read_table,
 )
 from packit_sim.parts.reading.turnings import read_angle, read_sides
-from packit_sim.parts.reading.units import check_unit
 
 MANIFESTS = (".csv", ".json", ".tsv", ".txt", ".xlsx")
 """Suffixes of manifests."""

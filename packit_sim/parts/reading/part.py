@@ -13,7 +13,7 @@ import trimesh
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.errors import ArgumentError, located
-from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.core.length_units import UNITS_CM, Unit, check_unit
 from packit_sim.core.plain_text import plain_line
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
@@ -31,7 +31,7 @@ from packit_sim.parts.packings.bounds import (
 )
 from packit_sim.parts.packings.turning import ANY_TURN, Turning
 from packit_sim.parts.reading.file_copies import FileCopy
-from packit_sim.parts.reading.units import check_unit, factor
+from packit_sim.parts.reading.units import factor
 
 UPRIGHT = "upright"
 """Another name of `yaw-4`: quarter turns about the vertical axis."""

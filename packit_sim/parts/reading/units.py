@@ -3,43 +3,15 @@
 from __future__ import annotations
 
 import re
-from typing import get_args
 
 from packit_sim.core.checks import shown
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.core.length_units import UNITS_CM, Unit, check_unit
 from packit_sim.parts.packings.bounds import DISTANCES
-
-UNITS: tuple[Unit, ...] = get_args(Unit)
-"""The names of the units of length."""
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 
 _LENGTHS = re.compile(rf"({_NUMBER}(?:\s*[xX*]\s*{_NUMBER})*)\s*([a-zA-Zµ\"']*)")
-
-
-def check_unit(unit: str) -> Unit:
-    """Return a unit of length.
-
-    Parameters
-    ----------
-    unit : str
-        Its name.
-
-    Returns
-    -------
-    str
-        The same name.
-
-    Raises
-    ------
-    ArgumentError
-        If there is no such unit.
-    """
-    for known in UNITS:
-        if unit == known:
-            return known
-    raise ArgumentError(f"unit {unit!r} is not known: choose from {', '.join(UNITS)}")
 
 
 def factor(unit: Unit, other: Unit) -> float:
@@ -87,4 +59,4 @@ def lengths(text: str, count: int, unit: Unit, plain: Unit | None = None) -> tup
 def unit_of(text: str) -> Unit | None:
     """Return the unit at the end of a length, if there is a known one."""
     name = re.split(r"[\d.\s]", text.partition("=")[0].strip())[-1]
-    return next((unit for unit in UNITS if unit == name), None)
+    return next((unit for unit in UNITS_CM if unit == name), None)

@@ -239,6 +239,7 @@ class _Original:
         mesh = _read(part)
         used = np.asarray(mesh.vertices)[np.flatnonzero(np.bincount(mesh.faces.ravel()))]
         self.name = part.name
+        self.length_unit = prepared.unit
         self.clearance = (part.clearance or 0.0) * scale
         middle = (used.min(axis=0) + used.max(axis=0)) / 2
         self.middle: Floats = middle * scale
@@ -249,6 +250,10 @@ class _Original:
         was_closed = prepared.is_closed and prepared.filled_holes > 0
         _repair(self.mesh, was_closed)
         self.is_solid = was_closed or self.is_closed
+
+    def length(self, value: float) -> str:
+        """Return a length as text, such as "2.5 mm"."""
+        return f"{value:.4g} {self.length_unit}"
 
     def drawn(self, times: int) -> Floats:
         """Return the factors that make it shorter along each axis by so many tolerances."""
@@ -337,15 +342,15 @@ def _outside(
         radius = container.diameter / 2
         from_axis = np.linalg.norm(placed.vertices[:, :2] - radius, axis=1)
         beyond.append((asked.sides, from_axis.max() - radius))
-    unit = placed.original.unit
+    unit, length = placed.original.unit, placed.original.length
     depths = [
         (float(depth + own) - (placed.original.tolerance if own == 0 else _ROUNDING * unit), own)
         for own, depth in beyond
     ]
     if not all(depth <= 0 for depth, _ in depths):
         depth, own = max(depths)
-        what = "the box" if own == 0 else f"the clearance of {own:.4g} to the walls"
-        yield f"{placed.name} reaches {depth:.3g} beyond {what}"
+        what = "the box" if own == 0 else f"the clearance of {length(own)} to the walls"
+        yield f"{placed.name} reaches {length(depth)} beyond {what}"
     elif wall is not None:
         clearance = asked.largest
         slack = placed.original.tolerance if clearance == 0 else _ROUNDING * unit
@@ -367,12 +372,12 @@ def _beyond(placed: _Placed, wall: _Placed, clearance: float, slack: float) -> I
     if placed.original.is_solid and _is_around_part_of(placed, wall):
         yield f"{placed.name} is around a part of the container's wall"
     if clearance > 0:
-        unit = placed.original.unit
+        unit, length = placed.original.unit, placed.original.length
         distance = _loose(wall.original).distance(_loose(placed.original), *there) * unit / SIZE
         if not distance >= clearance - slack:
             yield (
-                f"{placed.name} is {max(distance, 0.0):.4g} from the container's wall: "
-                f"less than {clearance:.4g}"
+                f"{placed.name} is {length(max(distance, 0.0))} from the container's wall: "
+                f"less than {length(clearance)}"
             )
 
 
@@ -411,8 +416,10 @@ def _between(
             distance = one.distance(other, stretch)
             least = distance if least is None else min(least, distance)
             if clearance > 0 and not distance >= clearance - _ROUNDING * unit:
+                length = one.original.length
                 problems.append(
-                    f"{other.name} is {distance:.4g} from {one.name}: less than {clearance:.4g}"
+                    f"{other.name} is {length(distance)} from {one.name}: "
+                    f"less than {length(clearance)}"
                 )
         if overlaps[pair]:
             problems += _overlap(one, other)
@@ -453,4 +460,5 @@ def _overlap(one: _Placed, other: _Placed) -> Iterator[str]:
         with np.errstate(divide="ignore", invalid="ignore"):  # parts may share a face
             depth = 0.0 if shared.is_empty else 2 * abs(float(shared.volume)) / float(shared.area)
         if depth > np.sqrt(3) * max(one.original.tolerance, other.original.tolerance):
-            yield f"{other.name} and {one.name} share a volume of {abs(shared.volume):.4g}"
+            shared_volume = f"{abs(shared.volume):.4g} {one.original.length_unit}³"
+            yield f"{other.name} and {one.name} share a volume of {shared_volume}"

@@ -9,11 +9,12 @@ from msgspec import Struct
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackFormatError, located
+from packit_sim.core.length_units import check_unit
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.packings.container_files import form_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import posed
-from packit_sim.parts.reading.units import check_unit, factor
+from packit_sim.parts.reading.units import factor
 from packit_sim.robot.cell import Cells, RobotCell
 from packit_sim.robot.plans import ExecutedPlan, execute_plan
 

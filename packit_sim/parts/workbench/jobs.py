@@ -10,6 +10,7 @@ from msgspec import NODEFAULT, Meta, Struct, structs
 
 from packit_sim.core.choices import Door, Goal, GroupRule, LoadingOrder
 from packit_sim.core.errors import ArgumentError, about
+from packit_sim.core.length_units import check_unit
 from packit_sim.parts.filling.preparation import prepared_boxes
 from packit_sim.parts.filling.setting_texts import read_settings
 from packit_sim.parts.filling.settings import PackSettings
@@ -23,7 +24,6 @@ from packit_sim.parts.reading.manifest import part_fields
 from packit_sim.parts.reading.named_containers import without_names
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.turnings import read_turning
-from packit_sim.parts.reading.units import check_unit
 from packit_sim.parts.workbench.uploads import MAX_FILES, Upload
 
 MAX_BOXES = 50

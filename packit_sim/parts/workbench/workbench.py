@@ -20,6 +20,7 @@ from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError, message
+from packit_sim.core.length_units import check_unit
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.temporary_folders import TemporaryFolder
 from packit_sim.parts.filling.packed import PackedParts
@@ -28,7 +29,6 @@ from packit_sim.parts.filling.task_checks import check_ways
 from packit_sim.parts.reading.named_containers import named_containers
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
-from packit_sim.parts.reading.units import check_unit
 from packit_sim.parts.results.exports import export
 from packit_sim.parts.workbench.jobs import PackingJob, ReadJob, checked_job, read_job
 from packit_sim.parts.workbench.moving import MAX_MOVES, Move, MovedParts
