@@ -2,12 +2,13 @@
 
     .venv/bin/python -m benchmarks.online_everyday --tasks 50        (an hour; resumable)
     .venv/bin/python -m benchmarks.online_everyday --tasks 20 --agent champion --agent best-fit
+    .venv/bin/python -m benchmarks.online_everyday --tasks 3 --agent champion --items 1000
 
 Sequence n of the test split is drawn with the seed 20000 + n from the items of the test packs of
 everyday-v1, as `packit datasets sequences --items-of everyday-v1 --split test --seed 20000` does:
-40 items, more than fit. A buffer of 5, from above only, all 24 rotations, seed 0, one process.
-Prints the density of the boxes with 95% intervals, and how much denser those of the first agent
-are, and writes `benchmarks/results/online_everyday.json`.
+40 items, more than fit, or --items. A buffer of 5, from above only, all 24 rotations, seed 0, one
+process. Prints the density of the boxes with 95% intervals, and how much denser those of the first
+agent are, and writes `benchmarks/results/online_everyday.json`, or `...-ITEMS.json`.
 """
 
 from __future__ import annotations
@@ -45,11 +46,12 @@ def main() -> None:
     parser = argument_parser(__doc__)
     parser.add_argument("--tasks", type=int, default=50)
     parser.add_argument("--split", default="test", choices=SEEDS)
+    parser.add_argument("--items", type=int, default=ITEMS)
     parser.add_argument("--work", type=Path, default=Path("build/online"), help="for results")
     parser.add_argument("--agent", action="append", help="an agent to play; may be repeated")
     options = parser.parse_args()
     library = ShapeLibrary.open("everyday")
-    sampler = ItemSampler(library, load_tasks("everyday-v1", library, options.split), ITEMS)
+    sampler = ItemSampler(library, load_tasks("everyday-v1", library, options.split), options.items)
     first = SEEDS[options.split]
     tasks = [sampler.pack(first + n).task(library) for n in range(options.tasks)]
     densities, seconds = {}, {}
@@ -70,8 +72,9 @@ def main() -> None:
         agent: {"densities": own.tolist(), "seconds": seconds[agent]}
         for agent, own in densities.items()
     }
+    name = "online_everyday" if options.items == ITEMS else f"online_everyday-{options.items}"
     write_json(
-        options.out / "online_everyday.json",
+        options.out / f"{name}.json",
         {"machine": machine(), "split": options.split, "agents": found},
     )
 

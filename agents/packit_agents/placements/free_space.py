@@ -165,22 +165,45 @@ def shadow_arrays(arrays: tuple[Any, ...]) -> tuple[Any, ...]:
     return shadow(arrays), np.zeros_like(page), _NO_FINE, nx, ny
 
 
+class TurnedItems:
+    """The items of a task, turned when they are first needed: online most never are visible.
+
+    Equal items are one object.
+    """
+
+    def __init__(self, items: Sequence[Item], cells: Triple, allowed: tuple[int, ...]) -> None:
+        self._items, self._cells, self._allowed = items, cells, allowed
+        self._turned: dict[int, TurnedItem] = {}
+        self._equal: dict[object, TurnedItem] = {}
+
+    def __getitem__(self, number: int) -> TurnedItem:
+        if number not in self._turned:
+            item = self._items[number]
+            key = item.turned(0).key
+            if key not in self._equal:
+                self._equal[key] = turned_item(item, self._allowed, self._cells)
+            self._turned[number] = self._equal[key]
+        return self._turned[number]
+
+    def all_rows(self, number: int) -> Words:
+        """Compute the rows of an item in an empty box (see `FreeSpace`)."""
+        return self[number].all_rows(self._cells)
+
+
 class FreeSpace:
     """The locations of items in a box that no cells block, computed when they are first needed.
 
     Parameters
     ----------
-    rows : sequence of Words
-        Words uint64 [rotation, z, x] of each item: bit y is a location that may be feasible.
+    rows : dict of int to Words
+        Words uint64 [rotation, z, x] of items, by number: bit y is a location that may be feasible.
     known : sequence of int
         The number of items in the box that the rows of each item account for.
     """
 
-    def __init__(
-        self, items: Sequence[TurnedItem], rows: Sequence[Words], known: Sequence[int]
-    ) -> None:
+    def __init__(self, items: TurnedItems, rows: dict[int, Words], known: Sequence[int]) -> None:
         self.items = items
-        self._rows = list(rows)
+        self._rows = dict(rows)
         self._known = list(known)
         self._shadow: tuple[int, tuple[Any, ...]] | None = None
 
@@ -213,9 +236,7 @@ class FreeSpace:
                 f"a box with {ny} grid nodes along y is too long for this agent: at most "
                 f"{MAX_NODES}"
             )
-        turned = [turned_item(item, allowed, cells) for item in items]
-        rows = [each.all_rows(cells) for each in turned]
-        return cls(turned, rows, [0] * len(rows))
+        return cls(TurnedItems(items, cells, allowed), {}, [0] * len(items))
 
     def copy(self) -> FreeSpace:
         """Return a space of the same items, which does not change with this one."""
@@ -236,6 +257,8 @@ class FreeSpace:
             removed.
         """
         count = len(box.spans)  # an arm may have set items aside
+        if item not in self._rows:
+            self._rows[item] = self.items.all_rows(item)
         if self._known[item] < count:
             own = self._rows[item].copy()
             spans = box.spans[self._known[item] :]
@@ -290,7 +313,7 @@ class FreeSpace:
     def _assert_same_as_whole(self, item: int, box: BaseBox[Any]) -> None:
         """Compare an item's rows with those that all items of the box leave it, from none known."""
         turned, rows = self.items[item], self._rows[item]
-        whole = turned.all_rows(box.cells)
+        whole = self.items.all_rows(item)
         if len(box.placed):
             remove_blocked(box.arrays, turned.arrays, whole, box.spans)
         assert not (rows & ~whole).any(), "no location becomes free again"
