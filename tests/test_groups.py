@@ -11,6 +11,7 @@ from trimesh import creation
 
 from packit_sim import BoxType, Limits, PackedParts, PackSettings, Part, pack
 from packit_sim.core.errors import ArgumentError
+from packit_sim.parts.filling.box_nesting import BoxNesting
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.groups import group_faults
 from packit_sim.parts.reading.files import find_parts
@@ -135,6 +136,18 @@ def test_a_group_larger_than_a_box_is_cut_unless_it_is_a_kit() -> None:
     assert sorted(own.most_common(1)[0] for own in contents(packed)) == [("A", 27), ("B", 27)]
     with pytest.raises(ArgumentError, match="the kit 'A' fits into no box: its 30 parts are too"):
         pack(parts, (30, 30, 30), settings=replace(QUICK, groups=["kit"]))
+
+
+def test_forty_groups_take_no_more_searches_than_there_is_time_for(monkeypatch) -> None:
+    """Each search for a box drops some groups that are cut; after the time only shelves do."""
+    searches: list[int] = []
+
+    monkeypatch.setattr(BoxNesting, "nest", lambda *_: searches.append(1))
+    parts = [block(f"{n}", (10, 10, 9 + n / 40), 3, f"g{n}") for n in range(40)]
+    settings = replace(QUICK, groups=["kit"], boxes=2, iterations=None)
+    packed = pack(parts, (31, 31, 41), time=1e-3, settings=settings)
+    assert keeps(packed, ["kit"]) and sum(packed.counts.values()) > 30
+    assert len(searches) <= 2
 
 
 def test_impossible_groups_are_one_clear_error() -> None:

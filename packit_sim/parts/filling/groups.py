@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import get_args
+from typing import TypeVar, get_args
 
 from packit_sim.core.choices import GroupRule
 
 GROUP_RULES: tuple[GroupRule, ...] = get_args(GroupRule)
 """All parts of a group are in one box; no box has parts of two groups; all parts of a group are in
 one box, or none is packed."""
+
+_T = TypeVar("_T", int, float)
 
 Contents = Sequence[Counter[str]]
 """How many of each part are in each box, by their names."""
@@ -56,8 +58,8 @@ def group_faults(
     if "kit" in rules:
         packed = _totals(groups, sum(boxes, Counter()))
         for group, most in _totals(groups, asked).items():
-            if 0 < packed[group] < most:
-                found.append(f"{packed[group]} of {most} parts of the kit {group!r} are packed")
+            if 0 < (count := packed.get(group, 0)) < most:
+                found.append(f"{count} of {most} parts of the kit {group!r} are packed")
     return found
 
 
@@ -81,23 +83,20 @@ def surplus(
         Boxes and groups to take out of them, with the reasons.
     """
     found: dict[tuple[int, str], str] = {}
-
-    def worth(number: int, group: str) -> float:
-        return sum(weight(part) * k for part, k in boxes[number].items() if groups[part] == group)
-
+    worth = [_totals(groups, {part: weight(part) * k for part, k in box.items()}) for box in boxes]
+    packed, wanted = [_totals(groups, box) for box in boxes], _totals(groups, asked)
     places = _places(groups, boxes)
     if {"together", "kit"} & set(rules):
         for group, numbers in places.items():
-            best = max(sorted(numbers), key=lambda number: worth(number, group))
+            best = max(sorted(numbers), key=lambda number: worth[number][group])
             for number in numbers - {best}:
                 found[number, group] = "its group is in another box"
-            own = _totals(groups, boxes[best])[group]
-            if "kit" in rules and own < _totals(groups, asked)[group]:
+            if "kit" in rules and packed[best][group] < wanted[group]:
                 found[best, group] = "the whole kit does not fit"
     if "apart" in rules:
         for number in range(len(boxes)):
-            inside = [g for g in sorted(places) if number in places[g] and (number, g) not in found]
-            best_group = max(inside, key=lambda g: worth(number, g), default=None)
+            inside = [group for group in sorted(worth[number]) if (number, group) not in found]
+            best_group = max(inside, key=worth[number].__getitem__, default=None)
             for group in inside:
                 if group != best_group:
                     found[number, group] = "its box has parts of another group"
@@ -115,11 +114,11 @@ def _places(groups: Mapping[str, str | None], boxes: Contents) -> dict[str, set[
     return found
 
 
-def _totals(groups: Mapping[str, str | None], counts: Mapping[str, int]) -> Counter[str]:
-    """Return how many parts each group has."""
-    found = Counter[str]()
-    for part, count in counts.items():
+def _totals(groups: Mapping[str, str | None], amounts: Mapping[str, _T]) -> dict[str, _T]:
+    """Return the sum of the amounts of each group's parts."""
+    found: dict[str, _T] = {}
+    for part, amount in amounts.items():
         group = groups.get(part)
         if group is not None:
-            found[group] += count
+            found[group] = found[group] + amount if group in found else amount
     return found

@@ -201,10 +201,11 @@ class PackingSearch:
             self._offer(quick)
             if quick.count == sum(some.values()) + sum(len(each.placements) for each in full):
                 return quick.packings[-1], Counter(some)
-            found, most = self._fill(box, some, full, (end - clock.perf_counter()) * share, start)
-            own = quick.packings[len(full) :]
-            best = max((*own, *([found] if found else [])), key=self._weight, default=None)
-            return best, most
+            best = quick.packings[-1] if len(quick.packings) > len(full) else None
+            if (left := end - clock.perf_counter()) <= 0:
+                return best, Counter(one.type for one in best.placements) if best else Counter()
+            found, most = self._fill(box, some, full, left * share, start)
+            return max(filter(None, (best, found)), key=self._weight, default=None), most
 
         return GroupedFilling(self._task, box, counts, fill, is_last).run()
 

@@ -10,8 +10,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import ConvexHull, cKDTree
 
+from packit_sim.core.caches import bounded_cache
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.parts import Parts
 from packit_sim.geometry.triangle_trees import boxes_of, tree_order
@@ -52,6 +54,9 @@ pairs that just do not cross here, some would cross there.
 
 SLACK = min(DRAWN_IN) / 2
 """Share of the tolerance by which bounding boxes may overlap."""
+
+DISTANCES_BUDGET = 128 * 2**20
+"""Bytes of cached distances: one box after the other has much the same types."""
 
 INWARD = 2e-4
 """Share of its distance by which a part's vertex is moved towards the item's origin.
@@ -106,10 +111,13 @@ def build(
     boxes = np.array([_turned_boxes(vertices, turns) for vertices in own])
     allowed = np.zeros((len(types), len(turns)), np.int64)
     counts = np.zeros(len(types), np.int64)
+    distinct: dict[tuple[str, tuple[int, ...]], list[int]] = {}  # of equal types once
     for n, some in enumerate(own_turns):
-        kept = _distinct(own[n], boxes[n], turns, some, 0.01 * tolerance)
-        allowed[n, : len(kept)] = kept
-        counts[n] = len(kept)
+        key = types[n].digest, tuple(some)
+        if key not in distinct:
+            distinct[key] = _distinct(own[n], boxes[n], turns, some, 0.01 * tolerance)
+        counts[n] = len(distinct[key])
+        allowed[n, : counts[n]] = distinct[key]
     longest = np.array([each.extents.max() for each in types])
     hulls = np.array([_hull_volume(each) for each in types])
     volumes = np.array([each.volume for each in types])
@@ -179,8 +187,14 @@ def _hull_volume(item_type: ItemType) -> float:
 def _turns(types: Sequence[ItemType]) -> tuple[Floats, list[list[int]]]:
     """Return all rotations (m, 3, 3), the identity first, and the numbers of each type's."""
     found: list[Floats] = [np.eye(3)]
-    own = [[_number(found, turn) for turn in searched_rotations(each)] for each in types]
-    return np.array(found), [list(dict.fromkeys(each)) for each in own]
+    known: dict[bytes, list[int]] = {}
+    own = []
+    for each in types:
+        turns = searched_rotations(each)
+        if (key := turns.tobytes()) not in known:
+            known[key] = list(dict.fromkeys(_number(found, turn) for turn in turns))
+        own.append(known[key])
+    return np.array(found), own
 
 
 def _relative(turns: Floats) -> tuple[Ints, Floats]:
@@ -320,9 +334,9 @@ def _distances(
     cells = (longest + 2 * clearance) / settings.distance_cells
     for (each, vertices), cell in zip(types, cells.tolist(), strict=True):
         own_margin = clearance + settings.distance_margin * cell
-        found = signed_distances(vertices[each.faces], cell, own_margin)
-        values.append(np.round(found * (STEPS / cell)).clip(-32000, 32000).astype(np.int16))
-        points.append(spread_points(vertices, each.faces, settings.surface_points))
+        own, spread = _distances_of(each, vertices, cell, own_margin, settings.surface_points)
+        values.append(own)
+        points.append(spread)
     flat = [each.ravel() for each in values]
     return Distances(
         np.concatenate(flat),
@@ -333,6 +347,22 @@ def _distances(
         _starts(points)[1:],
         clearance + settings.distance_margin * float(cells.max(initial=0.0)),
     )
+
+
+@bounded_cache(
+    "distances to solids",
+    DISTANCES_BUDGET,
+    "bytes",
+    size=lambda both: sum(each.nbytes for each in both),
+    key=lambda each, vertices, *more: (each.digest, vertices[0].tobytes(), *more),
+)
+def _distances_of(
+    each: ItemType, vertices: Floats, cell: float, margin: float, count: int
+) -> tuple[npt.NDArray[np.int16], Floats]:
+    """Return the distances to one solid and points of its surface, with its centred vertices."""
+    found = signed_distances(vertices[each.faces], cell, margin)
+    values = np.round(found * (STEPS / cell)).clip(-32000, 32000).astype(np.int16)
+    return values, spread_points(vertices, each.faces, count)
 
 
 def _joined(*columns: Any) -> Iterator[Any]:
