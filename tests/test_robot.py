@@ -32,7 +32,7 @@ from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.convex.settings import DecompositionSettings
-from packit_sim.physics.world import pybullet_module
+from packit_sim.physics.world import World, pybullet_module
 from packit_sim.render import robot_films
 from packit_sim.robot.arm import Route, ToolPath
 from packit_sim.robot.arms import arm_of
@@ -551,6 +551,22 @@ def test_a_placement_that_topples_is_foreseen() -> None:
     beside = box.disturbance(SLAB, (0, 3, 0))
     assert max(beside.own, beside.others) < 0.1
     assert box.snapshot() == before
+
+
+def test_an_item_is_foreseen_as_the_kind_of_body_that_is_executed(monkeypatch) -> None:
+    box, added = RobotBox(CELLS, CELL), []
+    add = World.add
+
+    def noted(world, pieces, mass, *, carried=False):
+        added.append((carried, min(piece.vertices[:, 2].min() for piece in pieces)))
+        return add(world, pieces, mass, carried=carried)
+
+    box.put(block(8, 8, 8), (1, 1, 0))
+    monkeypatch.setattr(World, "add", noted)
+    box.disturbance(block(8, 8, 8), (1, 1, 2))
+    (below, low), (above, high) = added
+    assert (below, above) == (False, True)
+    assert high - low == pytest.approx(0.08 + CELL.gap / CELL.edge, abs=2e-3)
 
 
 def test_what_a_placement_does_to_other_items_is_foreseen_from_where_they_came_to_rest() -> None:

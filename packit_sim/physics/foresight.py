@@ -11,6 +11,7 @@ from packit_sim.box import Disturbance
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import Contents, PosedItem
 from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.motions import Motion
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import fitted_pieces, masses
 from packit_sim.physics.world import World
@@ -40,6 +41,7 @@ def foreseen_movement(
     movement: Movement,
     origins: Sequence[PosedItem],
     limit: float = math.inf,
+    arm_gap: float | None = None,
 ) -> Disturbance:
     """Release all items at once, and see how far the last one and the others move.
 
@@ -54,6 +56,8 @@ def foreseen_movement(
         From where the movements of the others count.
     limit : float
         A movement of another item after which the simulation ends early.
+    arm_gap : float, optional
+        How far above its place an arm releases the last item, in box units; None without an arm.
 
     Returns
     -------
@@ -62,17 +66,22 @@ def foreseen_movement(
         `SECONDS` are over.
     """
     pieces, _ = fitted_pieces(box.placed, settings)
-    *_, released = box.placed
-    starts = (*origins, released)
+    *others, placed = box.placed
+    lift = Motion.shift((0.0, 0.0, arm_gap or 0.0))
+    released = (*others, placed.moved(lift))
+    starts = (*origins, placed)
     seen: list[Floats] = []
     with World(np.array(box.cells) * CELL, settings) as world:
-        for own, mass in zip(pieces, masses(box, settings), strict=True):
+        *each_mass, own_mass = masses(box, settings)
+        for own, mass in zip(pieces[:-1], each_mass, strict=True):
             world.add(own, mass)
+        lifted = [piece.moved(lift.rotation, lift.translation) for piece in pieces[-1]]
+        world.add(lifted, own_mass, carried=arm_gap is not None)
         interval = settings.step * _CHECK
         for _ in range(math.ceil(SECONDS / interval)):
             for _ in range(_CHECK):
                 world.step()
-            each = zip(starts, box.placed, world.moves, strict=True)
+            each = zip(starts, released, world.moves, strict=True)
             seen.append(np.array([movement(start, now.moved(move)) for start, now, move in each]))
             if seen[-1][:-1].max(initial=0.0) > limit:
                 break

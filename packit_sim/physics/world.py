@@ -28,6 +28,9 @@ from packit_sim.physics.settings import PhysicsSettings
 WALLS_AND_FLOOR = ("left", "right", "back", "front", "floor")
 """The parts of a box: the walls at low and high x and at low and high y, and the floor."""
 
+FAST = 1e6
+"""Largest speed of what an arm moves, in PyBullet's units, instead of 100."""
+
 _THICKNESS = 0.25
 """Thickness of the walls, in box units."""
 
@@ -118,7 +121,8 @@ class World:
         mass : float
             Mass in kg, uniform over the pieces; 0 for an item that is fixed.
         carried : bool
-            Whether an arm will carry it, which takes PyBullet's other, slower kind of body.
+            Whether an arm carries it, which takes PyBullet's other, slower kind of body. It rests
+            on others a little differently.
 
         Returns
         -------
@@ -142,6 +146,15 @@ class World:
                 -1,
                 mass=mass,  # else it becomes 0
                 localInertiaDiagonal=(properties.moments * mass * UNIT**2).tolist(),
+                physicsClientId=self._client,
+            )
+        if carried:
+            self._pybullet.changeDynamics(
+                number,
+                -1,
+                maxJointVelocity=FAST,
+                linearDamping=0.0,
+                angularDamping=0.0,
                 physicsClientId=self._client,
             )
         reach = max(float(np.linalg.norm(vertices, axis=1).max()) for vertices, _ in own)

@@ -136,7 +136,8 @@ class RobotBox(BaseBox[Any]):
             others = [one.posed for one in there]
             origins = [one.posed if one.collapsed else one.landed for one in there]
         start = BoxState(self.cells, (*others, planned))
-        return foreseen_movement(start, self.cell.world, movement, origins, limit)
+        gap = self.cell.gap / self.cell.edge
+        return foreseen_movement(start, self.cell.world, movement, origins, limit, gap)
 
     def snapshot(self) -> BoxState[ExecutedItem]:
         return BoxState(self.cells, self._tried)

@@ -14,15 +14,12 @@ from packit_sim.geometry.bullet_meshes import UNIT
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import PhysicsSettings
-from packit_sim.physics.world import World
+from packit_sim.physics.world import FAST, World
 from packit_sim.robot.arm import Arm
 from packit_sim.robot.urdf import with_cup
 
 _STIFF = 1e9
 """Largest force of the arm's motors, in the world's unit: the arm is stronger than any load."""
-
-_FAST = 1e6
-"""Largest speed in the world's unit, instead of PyBullet's 100."""
 
 
 class ArmWorld(World):
@@ -62,7 +59,7 @@ class ArmWorld(World):
             self._pybullet.changeDynamics(
                 self._arm,
                 link,
-                maxJointVelocity=_FAST,
+                maxJointVelocity=FAST,
                 jointDamping=0.0,
                 linearDamping=0.0,
                 angularDamping=0.0,
@@ -101,15 +98,6 @@ class ArmWorld(World):
     def present(self, pieces: Sequence[Piece], mass: float) -> int:
         """Add an item that stays where it is, and collides with nothing, until it is gripped."""
         item = self.add(pieces, mass, carried=True)
-        body = self._items[item].number
-        self._pybullet.changeDynamics(
-            body,
-            -1,
-            maxJointVelocity=_FAST,
-            linearDamping=0.0,
-            angularDamping=0.0,
-            physicsClientId=self._client,
-        )
         self.collide(item, False)
         self._fix(item)
         return item
