@@ -42,6 +42,7 @@ from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.results import exports
 from packit_sim.parts.results.verification import verify_record
+from packit_sim.parts.workbench.scenes import box_scenes
 
 QUICK = PackSettings(workers=1, iterations=5)
 
@@ -474,6 +475,14 @@ def test_a_container_that_is_not_possible_is_one_error(box: Any, message: str) -
     assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_a_container_of_two_chambers_is_one_container(tmp_path: Path) -> None:
+    chambers = [creation.box((20, 20, 20)).apply_translation((40 * n, 0, 0)) for n in range(2)]
+    trimesh.util.concatenate(chambers).export(tmp_path / "two.stl")
+    cube = Part("cube", creation.box((19, 19, 19)), 3)
+    packed = pack([cube], str(tmp_path / "two.stl"), settings=QUICK)
+    assert packed.count == 2 and len(packed.packings) == 1
+
+
 def test_a_file_that_is_not_closed_is_one_error(tmp_path: Path) -> None:
     bowl = creation.icosphere(2, 50)
     bowl.update_faces(bowl.triangles_center[:, 2] < 20)
@@ -552,6 +561,9 @@ def test_pages_and_models_show_the_container(folder: Path) -> None:
     assert np.ptp(path.vertices, axis=0) == pytest.approx((0.2, 0.15, 0.1))
     page = (folder / "out" / "packing.html").read_text()
     assert '"outline": []' not in page and '"outline":[]' not in page
+    (shown,) = box_scenes(packed_in_a_case(folder))["models"]["boxes"]
+    corners = np.reshape(shown["outline"], (-1, 3))
+    assert corners.max(axis=0) == pytest.approx(shown["size"])
     round_lines = outline(CylinderContainer(10, 5))
     from_axis = np.linalg.norm(round_lines[..., :2] - 5, axis=-1)
     assert from_axis == pytest.approx(5.0)

@@ -41,6 +41,23 @@ def test_nested_bowls_come_out_upwards_the_inner_one_first() -> None:
     assert found.stuck == ()
 
 
+def test_only_parts_ahead_whose_boxes_overlap_across_are_in_the_way() -> None:
+    packing = packed(
+        cuboid((40, 40, 10), (50, 50, 20)),
+        cuboid((45, 45, 60), (55, 55, 70)),
+        cuboid((45, 45, 30), (55, 55, 40)),
+        cuboid((60, 40, 30), (70, 50, 40)),  # beside its way along x
+        cuboid((40, 60, 30), (50, 70, 40)),  # along y
+        cuboid((40, 40, 0), (50, 50, 5)),  # behind
+    )
+    sweeps, still = PartSweeps(packing), np.zeros(3)
+    found = sweeps.in_the_way(0, range(6), "up", still)
+    assert found == [(2, pytest.approx(0.1)), (1, pytest.approx(0.4))]  # of the box's 100 mm
+    assert sweeps.in_the_way(0, range(6), "down", still) == [(5, pytest.approx(0.05))]
+    first, *_ = sweeps.in_the_way(0, range(6), "up", np.array((0, 0, 0.25)))
+    assert first == (2, pytest.approx(-0.15))
+
+
 def test_a_u_around_a_bar_slides_sideways() -> None:
     """The bar is held by both ends; the U lies around it, open towards +x."""
     packing = packed(u_profile(), BAR, cuboid((20, 20, 60), (30, 60, 70)))
