@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
+from packit_sim import PackSettings, Part, pack
 from packit_sim.core.errors import ArgumentError
+from packit_sim.parts.filling.candidates import in_order
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.filtering import filter_packing
@@ -205,3 +207,20 @@ def test_what_remains_meets_all_constraints_and_only_parts_are_missing(seed: int
     for part in left_out:  # none can return
         more = [packing.placements[n] for n in (*filtered.kept, part)]
         assert broken_constraints(replace(packing, placements=tuple(more)), constraints)
+
+
+def test_parts_are_not_lowered_onto_what_may_carry_nothing() -> None:
+    parts = [
+        Part("fragile", creation.box((20, 20, 10)), no_stack=True),
+        Part("cube", creation.box((10, 10, 10))),
+    ]
+    settings = PackSettings(workers=1, iterations=5, stable=3.0)
+    result = pack(parts, (60, 30, 60), settings=settings)
+    (packing,) = result.packings
+    fragile, cube = sorted(packing.placements, key=lambda one: one.type)
+    corner, own = (packing.vertices(one).min(axis=0) for one in (fragile, cube))
+    raised = replace(cube, pose=cube.pose.shifted(corner - own + np.array((5, 5, 30))))
+    floating = replace(packing, placements=(fragile, raised))
+    (found,) = in_order(replace(result, packings=(floating,))).packings
+    heights = [found.vertices(one)[:, 2].min() for one in found.placements]
+    assert sorted(heights) == [pytest.approx(0, abs=0.01), pytest.approx(30, abs=0.01)]
