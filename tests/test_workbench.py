@@ -402,15 +402,19 @@ def test_the_command_serves_the_page_until_ctrl_c() -> None:
 
 
 def test_a_search_ends_when_the_page_is_closed() -> None:
-    with Workbench() as bench:
+    bench = Workbench()
+    closing = threading.Thread(target=bench.close, daemon=True)
+    try:
         number = send(bench, "cube.stl", creation.box((6, 6, 6)))
         file = {"number": number, "count": 90, "rotations": "cube"}
         assert post(bench, "/pack", {**ORDER, "seconds": 3600, "files": [file]})[0] == 200
         wait(bench, lambda one: one["busy"] and "result" in one)
-        closing = threading.Thread(target=bench.close, daemon=True)
         closing.start()
         closing.join(30)
         assert not closing.is_alive() and not bench.folder.exists()
+    finally:
+        bench._stop.set()
+        bench.close()
 
 
 def test_nothing_stays_when_it_is_closed() -> None:
