@@ -553,6 +553,19 @@ def test_a_placement_that_topples_is_foreseen() -> None:
     assert box.snapshot() == before
 
 
+def test_the_pieces_of_items_stay_as_they_are() -> None:
+    box = RobotBox(CELLS, CELL)
+    box.put(Item(BOWL, 0.01), (0, 0, 0))
+    box.put(block(8, 8, 8), (6, 6, 0))
+    before = [one.parts for one in box.placed]
+    assert all(before)
+    box.put(block(6, 6, 6), (6, 0, 0))  # meets none of them
+    for old, new in zip(before, [one.parts for one in box.placed], strict=False):
+        for (piece, out), (other, other_out) in zip(old, new, strict=True):
+            assert out == other_out
+            assert np.abs(piece.vertices - other.vertices).max() < 1e-12
+
+
 def test_an_item_is_foreseen_as_the_kind_of_body_that_is_executed(monkeypatch) -> None:
     box, added = RobotBox(CELLS, CELL), []
     add = World.add

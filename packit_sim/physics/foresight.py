@@ -12,8 +12,9 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import Contents, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
+from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import PhysicsSettings
-from packit_sim.physics.settling import fitted_pieces, masses
+from packit_sim.physics.settling import masses
 from packit_sim.physics.world import World
 
 SECONDS = 1.0
@@ -37,6 +38,7 @@ Movement = Callable[[PosedItem, PosedItem], float]
 
 def foreseen_movement(
     box: Contents[PosedItem],
+    pieces: Sequence[Sequence[Piece]],
     settings: PhysicsSettings,
     movement: Movement,
     origins: Sequence[PosedItem],
@@ -48,8 +50,9 @@ def foreseen_movement(
     Parameters
     ----------
     box : Contents
-        The items, which start without speed. Several calls in which only the last one differs
-        share the work on the others.
+        The items, which start without speed.
+    pieces : sequence of sequence of Piece
+        The convex pieces of each, fitted in between those of the others.
     movement : callable
         Measures how far an item has moved, as a number to compare with `limit`.
     origins : sequence of PosedItem
@@ -65,7 +68,6 @@ def foreseen_movement(
         The movements at the end: once another item's is above the limit, no item moves any more, or
         `SECONDS` are over.
     """
-    pieces, _ = fitted_pieces(box.placed, settings)
     *others, placed = box.placed
     lift = Motion.shift((0.0, 0.0, arm_gap or 0.0))
     released = (*others, placed.moved(lift))

@@ -240,6 +240,12 @@ def fitted_pieces(
     return pieces, 1 - after / volume
 
 
+def fitted_with(known: FittedItems, item: ItemInBox, settings: PhysicsSettings) -> FittedItems:
+    """Fit the pieces of one more item in between those of others."""
+    (whole,) = _whole([item], settings)
+    return known.with_one([*known.divided, whole], triangles(item))
+
+
 @bounded_cache(
     "fitted",
     FITTED_BUDGET,

@@ -21,7 +21,13 @@ from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.foresight import foreseen_movement
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
-from packit_sim.physics.settling import Settled, SettledItem, farthest, settle
+from packit_sim.physics.settling import (
+    Settled,
+    SettledItem,
+    farthest,
+    fitted_pieces,
+    settle,
+)
 from packit_sim.placement import Occupancy, checked_location
 
 
@@ -105,7 +111,8 @@ class SettlingBox(BaseBox[SettledItem]):
 
         start = self._with(PlacedItem(item, checked_location(self.cells, location)))
         origins = [one.landed if one.counts and one.landed else one.posed for one in self.placed]
-        return foreseen_movement(start, self.settings, movement, origins, limit)
+        pieces, _ = fitted_pieces(start.placed, self.settings)
+        return foreseen_movement(start, pieces, self.settings, movement, origins, limit)
 
     def put(self, item: Item, location: Sequence[int]) -> float:
         before = self.counted

@@ -11,9 +11,10 @@ import trimesh
 from packit_sim.geometry.items import ItemInBox, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
+from packit_sim.physics.settling import fitted_with
 from packit_sim.robot.arm import Arm
 from packit_sim.robot.cell import Cells, RobotCell
-from packit_sim.robot.executed_item import ExecutedItem, Outcome
+from packit_sim.robot.executed_item import ExecutedItem, Outcome, fitted_items, moved_parts
 from packit_sim.robot.execution import Execution, execute, tool_path
 from packit_sim.robot.grasps import best_grasp, grasp_off_the_grid
 from packit_sim.robot.insertion import insertion_shifts
@@ -64,12 +65,17 @@ def attempt(
     if grasp is not None and shifts is not None:
         path = tool_path(actual, aside, planned, grasp, shifts, cell=cell, cells=cells)
         route = arm.route(path, _load(aside, cell), (cell.seed, number))
+    parts = [tried[n].parts for n in there] + [()]
     if grasp is None or route is None:
         outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH
         done = Execution(outcome, (*actual, aside), Recording(np.empty((0, cell.joints))))
     else:
+        fitted = fitted_with(fitted_items([tried[n] for n in there]), planned, cell.world)
+        both = zip(fitted.measured, (*actual, planned), strict=True)
+        parts = [moved_parts(own, posed.pose.inverse()) for own, posed in both]
         done = execute(
             actual,
+            fitted.pieces,
             [*there, number],
             aside,
             planned,
@@ -81,8 +87,8 @@ def attempt(
         )
     new = ExecutedItem(chosen, planned, done.outcome, aside, done.posed[-1], False, done.recording)
     now = [*tried, new]
-    for n, posed in zip([*there, number], done.posed, strict=True):
-        now[n] = replace(now[n], posed=posed, inside=cell.holds(cells, posed))
+    for n, posed, own in zip([*there, number], done.posed, parts, strict=True):
+        now[n] = replace(now[n], posed=posed, inside=cell.holds(cells, posed), parts=own)
     return tuple(now)
 
 

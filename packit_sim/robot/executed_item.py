@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from packit_sim.core.caches import cached_property
-from packit_sim.geometry.items import AtPose, ItemInBox, PosedItem
+from packit_sim.geometry.items import AtPose, ItemInBox, PosedItem, triangles
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
+from packit_sim.physics.convex.fitting import FittedItems, MeasuredPiece
 from packit_sim.robot.cell import COLLAPSE_ANGLE, COLLAPSE_DISTANCE
 from packit_sim.robot.recording import Recording
 
@@ -41,6 +44,9 @@ class ExecutedItem(AtPose):
         Whether it is wholly inside the box, below its rim.
     recording : Recording
         What the arm and the items did meanwhile.
+    parts : tuple of MeasuredPiece
+        Its convex pieces in its own frame, as they were fitted in between those of others. They
+        stay as they are, whatever moves: pieces that are cut anew do not rest where others did.
     """
 
     chosen: ItemInBox
@@ -50,6 +56,7 @@ class ExecutedItem(AtPose):
     landed: PosedItem
     inside: bool
     recording: Recording
+    parts: tuple[MeasuredPiece, ...] = ()
 
     @property
     def item(self) -> Item:
@@ -83,6 +90,18 @@ class ExecutedItem(AtPose):
 
     def __hash__(self) -> int:
         return hash((self.chosen, self.posed))
+
+
+def fitted_items(items: Sequence[ExecutedItem]) -> FittedItems:
+    """Return the pieces of items where they are."""
+    parts = [moved_parts(one.parts, one.posed.pose) for one in items]
+    return FittedItems.kept(parts, [triangles(one.posed) for one in items])
+
+
+def moved_parts(parts: Iterable[MeasuredPiece], motion: Motion) -> tuple[MeasuredPiece, ...]:
+    """Return pieces after a motion."""
+    moved = ((piece.moved(motion.rotation, motion.translation), out) for piece, out in parts)
+    return tuple(moved)
 
 
 def apart(one: PosedItem, other: PosedItem) -> tuple[float, float]:

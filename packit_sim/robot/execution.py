@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.motions import Motion
-from packit_sim.physics.settling import fitted_pieces
+from packit_sim.physics.convex.pieces import Piece
 from packit_sim.robot.arm import Arm, Route, ToolPath, tool_rotation
 from packit_sim.robot.cell import PANDA, TILTED_TOOL, Cells, RobotCell
 from packit_sim.robot.executed_item import Outcome
@@ -52,6 +52,7 @@ class Execution:
 
 def execute(
     before: Sequence[PosedItem],
+    pieces: Sequence[Sequence[Piece]],
     numbers: Sequence[int],
     start: PosedItem,
     planned: PosedItem,
@@ -71,12 +72,14 @@ def execute(
     ----------
     before : sequence of PosedItem
         The items in the box.
+    pieces : sequence of sequence of Piece
+        Their convex pieces, and last those of the new item where it is released.
     numbers : sequence of int
         Their numbers among the items that were tried; the last is the new item's.
     start : PosedItem
         The new item at the station.
     planned : PosedItem
-        Where the arm releases it: there its convex pieces are fitted in between those of others.
+        Where the arm releases it.
     radius : float
         Radius of the cup, m.
     route : Route
@@ -89,7 +92,6 @@ def execute(
     """
     settings = cell.world
     to_start = start.pose @ planned.pose.inverse()
-    pieces, _ = fitted_pieces([*before, planned], settings)
     size = np.array(cells) / 100
     with ArmWorld(size, settings, arm, radius) as world:
         resting = [

@@ -62,11 +62,27 @@ class FittedItems:
         divided = [_divided(items[n], n, surfaces, ends, numbers) for n in numbers]
         return cls(divided, surfaces)
 
+    @classmethod
+    def kept(
+        cls, items: Sequence[Sequence[MeasuredPiece]], surfaces: Sequence[Floats]
+    ) -> FittedItems:
+        """Take the pieces of items as they were fitted before, wherever the items are now."""
+        found = cls([list(parts) for parts in items], surfaces)
+        found._cut = [list(parts) for parts in items]
+        return found
+
+    @property
+    def measured(self) -> list[list[MeasuredPiece]]:
+        """The pieces of each item, with their distances from the shapes before they were cut.
+
+        An item that would lose all of its pieces keeps all.
+        """
+        return [own or all_of for own, all_of in zip(self._cut, self.divided, strict=True)]
+
     @cached_property
     def pieces(self) -> list[list[Piece]]:
-        """The pieces of each item. An item that would lose all of its pieces keeps all."""
-        both = zip(self._cut, self.divided, strict=True)
-        return [[piece for piece, _ in own or all_of] for own, all_of in both]
+        """The pieces of each item, without the distances."""
+        return [[piece for piece, _ in parts] for parts in self.measured]
 
     def with_one(self, items: Sequence[Sequence[MeasuredPiece]], surface: Floats) -> FittedItems:
         """Fit one more item: the result is the same as if all were fitted together.
