@@ -123,8 +123,8 @@ def test_a_fork_never_takes_a_held_lock_along() -> None:
 
 
 def test_the_default_budgets_of_eight_environments_fit_in_8_gb() -> None:
-    """Without those of the oracle and of the champion, which no environment asks."""
-    others = ("whole fine arrays", "items in all rotations")
+    """Without those of the oracle, of the champion and of nesting, which no environment asks."""
+    others = ("whole fine arrays", "items in all rotations", "distances to solids")
     budgets = [
         use.budget
         for name, use in caches.usage().items()

@@ -109,7 +109,7 @@ FORGERIES: dict[str, tuple[Callable[[Record], object], str]] = {
     "all smaller": (every(0.5), "its size is 0.5 times the part's"),
     "turned": (turned, "its rotation is none of cube"),
     "too close to a wall": (pose(0, 0, 3, 21.0), "is 1 mm from the box's left wall: less than"),
-    "too close to a part": (pose(1, 0, 3, 62.99), "0.99 from a"),
+    "too close to a part": (pose(1, 0, 3, 62.99), "0.99 mm from a"),
     "another mesh": (lambda r: r["items"][0].update(mesh="meshes/small.stl"), "the mesh of 'a' is"),
     "another mesh, also in the request": (
         lambda r: [
