@@ -78,9 +78,14 @@ class ExecutedItem(AtPose):
         """Distance and angle from where it came to rest."""
         return apart(self.landed, self.posed)
 
+    @cached_property
+    def parts_there(self) -> tuple[MeasuredPiece, ...]:
+        """Its convex pieces where it is."""
+        return moved_parts(self.parts, self.posed.pose)
+
     @property
     def collapsed(self) -> bool:
-        """Whether it has moved far from where it came to rest."""
+        """True if it moved far from where it came to rest."""
         return movement(self.landed, self.posed) > 1
 
     def __eq__(self, other: object) -> bool:
@@ -94,8 +99,8 @@ class ExecutedItem(AtPose):
 
 def fitted_items(items: Sequence[ExecutedItem]) -> FittedItems:
     """Return the pieces of items where they are."""
-    parts = [moved_parts(one.parts, one.posed.pose) for one in items]
-    return FittedItems.kept(parts, [triangles(one.posed) for one in items])
+    surfaces = [triangles(one.posed) for one in items]
+    return FittedItems.kept([one.parts_there for one in items], surfaces)
 
 
 def moved_parts(parts: Iterable[MeasuredPiece], motion: Motion) -> tuple[MeasuredPiece, ...]:
