@@ -165,7 +165,7 @@ def test_what_counts() -> None:
     landed, elsewhere = PosedItem(cube, here), PosedItem(cube, there)
 
     def item(inside: bool, landed: PosedItem | None) -> SettledItem:
-        return SettledItem(PosedItem(cube, here), Motion(), (), (), inside, landed)
+        return SettledItem(PosedItem(cube, here), (), Motion(), (), (), inside, landed)
 
     assert item(True, landed).counts
     assert not item(True, elsewhere).counts
@@ -191,6 +191,22 @@ def test_a_placement_that_topples_is_foreseen() -> None:
     assert box.disturbance(slab, (0, 0, 2)).own > 1
     assert box.disturbance(slab, (0, 2, 0)).own < 0.1
     assert box.snapshot() == before
+
+
+def test_the_pieces_of_items_stay_as_they_are() -> None:
+    """An item far away is placed: it does not change how a ball rests in a bowl."""
+    box = SettlingBox(CELLS, SETTINGS)
+    box.place(Item(BOWL, 0.04), (2, 2, 0))
+    ball = Item(BALL, 0.001)
+    middle = np.round((box.placed[0].center - ball.extents / 2) * 100 / STEP).astype(int)
+    box.place(ball, (*middle[:2].tolist(), 4))
+
+    def volumes() -> list[float]:
+        return [piece.volume for one in box.placed[:2] for piece, _ in one.parts]
+
+    before = volumes()
+    box.place(cube_of(4), (9, 9, 0))
+    assert volumes() == pytest.approx(before, rel=1e-6)
 
 
 def test_the_future_follows_from_the_state() -> None:

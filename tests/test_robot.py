@@ -25,7 +25,7 @@ from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.episodes.episode import Episode
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
-from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.rotations import MATRICES
 from packit_sim.geometry.shapes import Item, Shape
@@ -555,11 +555,13 @@ def test_a_placement_that_topples_is_foreseen() -> None:
 
 def test_the_pieces_of_items_stay_as_they_are() -> None:
     box = RobotBox(CELLS, CELL)
-    box.put(Item(BOWL, 0.01), (0, 0, 0))
-    box.put(block(8, 8, 8), (6, 6, 0))
+    box.put(Item(BOWL, 0.04), (2, 2, 0))
+    ball = Item(BALL, 0.001)
+    middle = np.round((box.placed[0].posed.center - ball.extents / 2) * 100 / STEP).astype(int)
+    box.put(ball, (*middle[:2].tolist(), 3))
     before = [one.parts for one in box.placed]
     assert all(before)
-    box.put(block(6, 6, 6), (6, 0, 0))  # meets none of them
+    box.put(block(4, 4, 4), (9, 9, 0))  # meets none of them
     for old, new in zip(before, [one.parts for one in box.placed], strict=False):
         for (piece, out), (other, other_out) in zip(old, new, strict=True):
             assert out == other_out

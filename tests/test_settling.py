@@ -222,7 +222,7 @@ def test_what_falls_loses_energy_and_ends_through_nothing(settled_zoo: Settled) 
 
 
 def as_tuples(found: Settled) -> list[tuple[object, ...]]:
-    return [(found.seconds, found.energy, found.cut)] + [
+    return [(found.seconds, found.energy)] + [
         (item.move.matrix.tobytes(), item.displacement, item.farthest, item.items, item.walls)
         for item in found.items
     ]
@@ -267,7 +267,7 @@ def test_time_runs_out() -> None:
 
 def test_an_empty_box_is_at_rest() -> None:
     found = settle(Box(), SETTINGS)
-    assert (found.items, found.at_rest, found.energy, found.cut) == ((), True, (0.0, 0.0), 0.0)
+    assert (found.items, found.at_rest, found.energy) == ((), True, (0.0, 0.0))
     assert len(Layout.settled(found.items).points) == 0
     assert stability(Box(), SETTINGS).whole == 1.0
 
@@ -304,8 +304,8 @@ def shifted(box: Box, *shifts: tuple[float, float, float]) -> Settled:
     for placed, shift in zip(box.placed, shifts, strict=True):
         move = Motion.shift(shift)
         inside = settling.is_inside(placed, move, box.size)
-        items.append(SettledItem(placed, move, (), (), inside))
-    return Settled(tuple(items), box.size, 0.0, True, (0.0, 0.0), 0.0)
+        items.append(SettledItem(placed, (), move, (), (), inside))
+    return Settled(tuple(items), box.size, 0.0, True, (0.0, 0.0))
 
 
 def test_penetrations_of_cubes_moved_into_each_other() -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from packit_sim.core.caches import bounded_cache, cached_property
-from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import AtPose, Contents, ItemInBox, PosedItem, triangles
 from packit_sim.geometry.lattice import CELL
@@ -16,7 +16,6 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
 from packit_sim.physics.convex.fitting import FittedItems, MeasuredPiece
-from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS_AND_FLOOR, World
 
@@ -24,14 +23,34 @@ FITTED_BUDGET = 5_000
 """Cached pieces of items that are fitted together."""
 
 
+class FittedItem(AtPose, ABC):
+    """Base of items whose convex pieces stay as they were fitted, whatever moves.
+
+    Pieces that are cut anew would move items that have come to rest.
+    """
+
+    @property
+    @abstractmethod
+    def parts_there(self) -> Sequence[MeasuredPiece]:
+        """Its convex pieces where it is."""
+
+
+def moved_parts(parts: Iterable[MeasuredPiece], motion: Motion) -> tuple[MeasuredPiece, ...]:
+    """Return pieces after a motion."""
+    moved = ((piece.moved(motion.rotation, motion.translation), out) for piece, out in parts)
+    return tuple(moved)
+
+
 @dataclass(frozen=True, eq=False)
-class SettledItem(AtPose):
+class SettledItem(FittedItem):
     """An item that gravity has moved.
 
     Attributes
     ----------
     start : ItemInBox
         The item where it was released.
+    parts : sequence of MeasuredPiece
+        Its convex pieces there, as they were fitted in between those of others.
     move : Motion
         The motion from there to where it ended, in box units.
     items : tuple of int
@@ -45,6 +64,7 @@ class SettledItem(AtPose):
     """
 
     start: ItemInBox
+    parts: Sequence[MeasuredPiece]
     move: Motion
     items: tuple[int, ...]
     walls: tuple[str, ...]
@@ -55,6 +75,10 @@ class SettledItem(AtPose):
     def posed(self) -> PosedItem:
         """Item where it ended."""
         return PosedItem(self.item, self.start.matrix).moved(self.move)
+
+    @cached_property
+    def parts_there(self) -> tuple[MeasuredPiece, ...]:
+        return moved_parts(self.parts, self.move)
 
     @property
     def item(self) -> Item:
@@ -111,8 +135,6 @@ class Settled:
         Whether all items came to rest within the time limit.
     energy : tuple of float
         Energy at the start and at the end, in J.
-    cut : float
-        Share of the pieces' volume that was cut off at the start (see `fitting`).
     """
 
     items: tuple[SettledItem, ...]
@@ -120,7 +142,6 @@ class Settled:
     seconds: float
     at_rest: bool
     energy: tuple[float, float]
-    cut: float
 
 
 def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) -> Settled:
@@ -159,10 +180,17 @@ def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) ->
     0.4
     """
     settings = settings or PhysicsSettings()
-    items, cut = fitted_pieces(box.placed, settings)
+    return settle_fitted(box, fitted_items(box.placed, settings), settings)
+
+
+def settle_fitted(
+    box: Contents[ItemInBox], known: FittedItems, settings: PhysicsSettings
+) -> Settled:
+    """Release all items at once, of which the pieces are fitted already (see `settle`)."""
     with World(_size(box), settings) as world:
-        free = [world.add(*both) for both in zip(items, masses(box, settings), strict=True)]
-        return _simulate(world, box, cut, free, [])
+        both = zip(known.pieces, masses(box, settings), strict=True)
+        free = [world.add(pieces, mass) for pieces, mass in both]
+        return _simulate(world, box, known, free, [])
 
 
 def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) -> Settled:
@@ -189,14 +217,15 @@ def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = Non
         If an item can't be decomposed into convex pieces.
     """
     settings = settings or PhysicsSettings()
-    items, cut = fitted_pieces(box.placed, settings)
+    known = fitted_items(box.placed, settings)
     with World(_size(box), settings) as world:
-        fixed = [world.add(pieces, 0.0) for pieces in items]
-        free = [world.add(*both) for both in zip(items, masses(box, settings), strict=True)]
+        fixed = [world.add(pieces, 0.0) for pieces in known.pieces]
+        both = zip(known.pieces, masses(box, settings), strict=True)
+        free = [world.add(pieces, mass) for pieces, mass in both]
         for n, one in enumerate(free):
             for other in (*free[:n], *fixed[n:]):
                 world.ignore(one, other)
-        return _simulate(world, box, cut, free, fixed)
+        return _simulate(world, box, known, free, fixed)
 
 
 def _size(box: Contents[ItemInBox]) -> Floats:
@@ -210,40 +239,31 @@ def masses(box: Contents[ItemInBox], settings: PhysicsSettings) -> list[float]:
     return [max(mass, least) for mass in found]
 
 
-def fitted_pieces(
-    items: Sequence[ItemInBox], settings: PhysicsSettings
-) -> tuple[list[list[Piece]], float]:
-    """Compute the convex pieces of items where they are, cut so that those of no two overlap.
+def fitted_items(items: Sequence[ItemInBox], settings: PhysicsSettings) -> FittedItems:
+    """Fit the convex pieces of items where they are, so that those of no two overlap.
 
     Parameters
     ----------
     settings : PhysicsSettings
         The decomposition, and whether pieces are cut.
-
-    Returns
-    -------
-    pieces : list of list of Piece
-        The pieces of each item, in box units.
-    cut : float
-        The share of their volume that is cut off.
     """
     whole = _whole(items, settings)
-    if not settings.fitted:
-        return [[piece for piece, _ in parts] for parts in whole], 0.0
-    if not items:
-        return [], 0.0
+    if not items or not settings.fitted:
+        return FittedItems.kept(whole, [triangles(one) for one in items])
     *before, last = items
-    known = _fitted(tuple(before), settings)
-    pieces = known.with_one(whole, triangles(last)).pieces
-    volume = plain_sum(piece.volume for parts in whole for piece, _ in parts)
-    after = plain_sum(piece.volume for own in pieces for piece in own)
-    return pieces, 1 - after / volume
+    return _fitted(tuple(before), settings).with_one(whole, triangles(last))
 
 
-def fitted_with(known: FittedItems, item: ItemInBox, settings: PhysicsSettings) -> FittedItems:
-    """Fit the pieces of one more item in between those of others."""
-    (whole,) = _whole([item], settings)
-    return known.with_one([*known.divided, whole], triangles(item))
+def fitted_with(
+    items: Sequence[FittedItem], new: ItemInBox, settings: PhysicsSettings
+) -> FittedItems:
+    """Fit the pieces of one more item in between those of others, which have kept theirs."""
+    parts = [one.parts_there for one in items]
+    known = FittedItems.kept(parts, [triangles(one.posed) for one in items])
+    (whole,) = _whole([new], settings)
+    if not settings.fitted:
+        return FittedItems.kept([*parts, whole], [*known.surfaces, triangles(new)])
+    return known.with_one([*known.divided, whole], triangles(new))
 
 
 @bounded_cache(
@@ -274,7 +294,7 @@ def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[MeasuredPiec
 def _simulate(
     world: World,
     box: Contents[ItemInBox],
-    cut: float,
+    fitted: FittedItems,
     free: Sequence[int],
     fixed: Sequence[int],
 ) -> Settled:
@@ -288,17 +308,18 @@ def _simulate(
     known = {number: n for numbers in (fixed, free) for n, number in enumerate(numbers)}
     size = _size(box)
     items = []
-    for start, own in zip(box.placed, free, strict=True):
+    for start, parts, own in zip(box.placed, fitted.measured, free, strict=True):
         met = [b if a == own else a for a, b in contacts if own in (a, b)]
         settled = SettledItem(
             start,
+            parts,
             moves[own],
             tuple(sorted(known[other] for other in met if isinstance(other, int))),
             tuple(wall for wall in WALLS_AND_FLOOR if wall in met),
             is_inside(start, moves[own], size),
         )
         items.append(replace(settled, landed=settled.posed) if at_rest else settled)
-    return Settled(tuple(items), size, seconds, at_rest, (energy, world.energy), cut)
+    return Settled(tuple(items), size, seconds, at_rest, (energy, world.energy))
 
 
 def farthest(before: Floats, after: Floats) -> float:

@@ -25,8 +25,8 @@ from packit_sim.physics.settling import (
     Settled,
     SettledItem,
     farthest,
-    fitted_pieces,
-    settle,
+    fitted_with,
+    settle_fitted,
 )
 from packit_sim.placement import Occupancy, checked_location
 
@@ -111,8 +111,8 @@ class SettlingBox(BaseBox[SettledItem]):
 
         start = self._with(PlacedItem(item, checked_location(self.cells, location)))
         origins = [one.landed if one.counts and one.landed else one.posed for one in self.placed]
-        pieces, _ = fitted_pieces(start.placed, self.settings)
-        return foreseen_movement(start, pieces, self.settings, movement, origins, limit)
+        known = fitted_with(self.placed, start.placed[-1], self.settings)
+        return foreseen_movement(start, known.pieces, self.settings, movement, origins, limit)
 
     def put(self, item: Item, location: Sequence[int]) -> float:
         before = self.counted
@@ -121,7 +121,9 @@ class SettlingBox(BaseBox[SettledItem]):
 
     def _released(self, candidate: PlacedItem) -> Settled:
         """Let all items settle after an item was added."""
-        settled = settle(self._with(candidate), self.settings)
+        start = self._with(candidate)
+        known = fitted_with(self.placed, start.placed[-1], self.settings)
+        settled = settle_fitted(start, known, self.settings)
         landed = [*(before.landed for before in self.placed), None]
         items = (
             replace(after, landed=first or after.landed)

@@ -11,10 +11,10 @@ import trimesh
 from packit_sim.geometry.items import ItemInBox, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.motions import Motion
-from packit_sim.physics.settling import fitted_with
+from packit_sim.physics.settling import fitted_with, moved_parts
 from packit_sim.robot.arm import Arm
 from packit_sim.robot.cell import Cells, RobotCell
-from packit_sim.robot.executed_item import ExecutedItem, Outcome, fitted_items, moved_parts
+from packit_sim.robot.executed_item import ExecutedItem, Outcome
 from packit_sim.robot.execution import Execution, execute, tool_path
 from packit_sim.robot.grasps import best_grasp, grasp_off_the_grid
 from packit_sim.robot.insertion import insertion_shifts
@@ -70,7 +70,7 @@ def attempt(
         outcome = Outcome.NO_GRASP if grasp is None else Outcome.NO_PATH
         done = Execution(outcome, (*actual, aside), Recording(np.empty((0, cell.joints))))
     else:
-        fitted = fitted_with(fitted_items([tried[n] for n in there]), planned, cell.world)
+        fitted = fitted_with([tried[n] for n in there], planned, cell.world)
         both = zip(fitted.measured, (*actual, planned), strict=True)
         parts = [moved_parts(own, posed.pose.inverse()) for own, posed in both]
         done = execute(

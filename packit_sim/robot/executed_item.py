@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from packit_sim.core.caches import cached_property
-from packit_sim.geometry.items import AtPose, ItemInBox, PosedItem, triangles
-from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.items import ItemInBox, PosedItem
 from packit_sim.geometry.shapes import Item
-from packit_sim.physics.convex.fitting import FittedItems, MeasuredPiece
+from packit_sim.physics.convex.fitting import MeasuredPiece
+from packit_sim.physics.settling import FittedItem, moved_parts
 from packit_sim.robot.cell import COLLAPSE_ANGLE, COLLAPSE_DISTANCE
 from packit_sim.robot.recording import Recording
 
@@ -25,7 +24,7 @@ class Outcome(enum.StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class ExecutedItem(AtPose):
+class ExecutedItem(FittedItem):
     """An item after the attempt to put it into the box, and where it is now.
 
     Attributes
@@ -45,8 +44,7 @@ class ExecutedItem(AtPose):
     recording : Recording
         What the arm and the items did meanwhile.
     parts : tuple of MeasuredPiece
-        Its convex pieces in its own frame, as they were fitted in between those of others. They
-        stay as they are, whatever moves: pieces that are cut anew do not rest where others did.
+        Its convex pieces in its own frame, as they were fitted in between those of others.
     """
 
     chosen: ItemInBox
@@ -80,7 +78,6 @@ class ExecutedItem(AtPose):
 
     @cached_property
     def parts_there(self) -> tuple[MeasuredPiece, ...]:
-        """Its convex pieces where it is."""
         return moved_parts(self.parts, self.posed.pose)
 
     @property
@@ -95,18 +92,6 @@ class ExecutedItem(AtPose):
 
     def __hash__(self) -> int:
         return hash((self.chosen, self.posed))
-
-
-def fitted_items(items: Sequence[ExecutedItem]) -> FittedItems:
-    """Return the pieces of items where they are."""
-    surfaces = [triangles(one.posed) for one in items]
-    return FittedItems.kept([one.parts_there for one in items], surfaces)
-
-
-def moved_parts(parts: Iterable[MeasuredPiece], motion: Motion) -> tuple[MeasuredPiece, ...]:
-    """Return pieces after a motion."""
-    moved = ((piece.moved(motion.rotation, motion.translation), out) for piece, out in parts)
-    return tuple(moved)
 
 
 def apart(one: PosedItem, other: PosedItem) -> tuple[float, float]:

@@ -18,13 +18,13 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.foresight import foreseen_movement
-from packit_sim.physics.settling import fitted_pieces, fitted_with
+from packit_sim.physics.settling import fitted_items, fitted_with
 from packit_sim.physics.world import require_engine
 from packit_sim.placement import Mask, Occupancy, checked_location
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.attempts import attempt, is_over
 from packit_sim.robot.cell import RobotCell
-from packit_sim.robot.executed_item import ExecutedItem, fitted_items, movement
+from packit_sim.robot.executed_item import ExecutedItem, movement
 from packit_sim.robot.grasps import best_grasp
 
 
@@ -133,15 +133,15 @@ class RobotBox(BaseBox[Any]):
         settings = self.cell.world
         if self.cell.open_loop:
             others = origins = [one.planned for one in self._tried]
-            pieces, _ = fitted_pieces([*others, planned], settings)
+            known = fitted_items([*others, planned], settings)
         else:
             there = [one for one in self._tried if is_over(self.cells, one.posed)]
             others = [one.posed for one in there]
             origins = [one.posed if one.collapsed else one.landed for one in there]
-            pieces = fitted_with(fitted_items(there), planned, settings).pieces
+            known = fitted_with(there, planned, settings)
         start = BoxState(self.cells, (*others, planned))
         gap = self.cell.gap / self.cell.edge
-        return foreseen_movement(start, pieces, settings, movement, origins, limit, gap)
+        return foreseen_movement(start, known.pieces, settings, movement, origins, limit, gap)
 
     def snapshot(self) -> BoxState[ExecutedItem]:
         return BoxState(self.cells, self._tried)

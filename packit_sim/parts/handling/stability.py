@@ -16,7 +16,7 @@ from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import posed
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.settings import PhysicsSettings
-from packit_sim.physics.settling import fitted_pieces
+from packit_sim.physics.settling import fitted_items
 from packit_sim.physics.world import World
 
 PHYSICS = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
@@ -143,7 +143,7 @@ def stages(
     whole, items = posed(packing), []
     for n, drop in zip(order, stacking_of(sweeps, order, fixed=fixed).drops, strict=True):
         items.append(whole[n].moved(Motion.shift((0, 0, -drop / unit))))
-    pieces, _ = fitted_pieces(items, settings)
+    pieces = fitted_items(items, settings).pieces
     least = max(settings.min_mass_ratio * max((masses[n] for n in order), default=0.0), LEAST_MASS)
     for stage in range(first, len(order) + 1):
         with World(size, settings) as world:
