@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -17,9 +19,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
+from packit_sim.game.datasets.execution_checks import trajectories_folder
 from packit_sim.game.datasets.pack_files import dataset_file, read_packs, write_packs
 from packit_sim.game.datasets.packs import ItemRecord, Pack, PackedItem
 from packit_sim.game.datasets.provenance import Other, Played
@@ -34,6 +38,10 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PosedItem
 from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_category
+from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.executed_item import Outcome
+from packit_sim.robot.recording import Recording
+from packit_sim.robot.trajectory import Attempt, Trajectory
 from packit_sim.rules import End
 from packit_sim.web.box_view import corners, reach
 from packit_sim.web.surfaces import MAX_TRIANGLES, surface
@@ -349,6 +357,81 @@ def test_an_empty_box_and_one_without_neighbours_are_shown(
     empty = replace(packs[0], items=(), density=0.0)
     with Explorer(PackCollection([empty], library)) as explorer:
         assert explorer.boxes[0].items == ()
+
+
+def executed(packs, library, folder: Path, moving: bool = True) -> Path:
+    """Store a result whose only item an arm moves up after a second."""
+    pack = result(packs[0], library, 0, 1, "a/b/c")
+    (placed,) = pack.placed(library)
+    start = PosedItem.of(placed)
+    poses = [[*start.pose.shifted((0, 0, up)).translation, *start.pose.wxyz] for up in (0, 0.5)]
+    own = Recording(
+        np.zeros((481, 4)), (1, 2), 0.004, np.array([[0, 0], [240, 0]]), np.array(poses)
+    )
+    outcome = Outcome.PLACED if moving else Outcome.NO_PATH
+    own = own if moving else Recording(np.zeros((0, 4)))
+    arm = Trajectory(RobotCell(), pack.cells, (Attempt(placed, start, outcome, own),))
+    data = arm.to_bytes()
+    digest = hashlib.sha256(data).hexdigest()
+    file = folder / "executed.jsonl"
+    trajectories_folder(file).mkdir()
+    (trajectories_folder(file) / f"{digest}.npz").write_bytes(data)
+    played = structs.replace(pack.provenance, trajectory=digest)
+    write_packs(file, [replace(pack, provenance=played)])
+    return file
+
+
+def test_the_arm_is_shown_with_items_where_they_are_meanwhile(packs, library, tmp_path) -> None:
+    with Explorer(PackCollection.read(executed(packs, library, tmp_path), library)) as explorer:
+        controls, (box,) = explorer.controls, explorer.boxes
+        assert controls.arm.visible and len(box.items) == 1
+        controls.arm.value = True
+        explorer.wait()
+        item, *bodies = box.items
+        assert len(bodies) > 3 and all(body.visible for body in bodies)
+        low = item.position[2]
+        controls.set_seconds(1.5)
+        explorer.wait()
+        assert box.items[0].position[2] == pytest.approx(low + 0.5)
+        explorer.choose(0, len(bodies))  # a click on the arm
+        assert controls.item.value == NOTHING
+        explorer.play()
+        deadline = time.monotonic() + 30
+        while controls.request.seconds < 2.0:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        controls.arm.value = False
+        explorer.wait()
+        assert len(box.items) == 1
+
+
+def test_packs_without_an_arm_offer_none(explorer: Explorer) -> None:
+    assert not explorer.controls.arm.visible and explorer.controls.request.seconds is None
+
+
+@pytest.mark.parametrize("gone", ["file", "movement"])
+def test_an_arm_that_cant_be_shown_is_reported(packs, library, tmp_path, gone: str) -> None:
+    file = executed(packs, library, tmp_path, moving=gone != "movement")
+    if gone == "file":
+        shutil.rmtree(trajectories_folder(file))
+    with Explorer(PackCollection.read(file, library)) as explorer:
+        explorer.controls.arm.value = True
+        explorer.wait()
+        said = "the arm moved nothing" if gone == "movement" else "executed.jsonl.trajectories"
+        assert said in explorer.controls.notice.content
+        explorer.controls.arm.value = False
+        explorer.wait()
+        assert explorer.controls.notice.content == "" and len(explorer.boxes[0].items) == 1
+
+
+def test_a_trajectory_in_another_folder_is_refused(packs, library, tmp_path) -> None:
+    file = executed(packs, library, tmp_path)
+    (arm,) = trajectories_folder(file).iterdir()
+    file.write_text(file.read_text().replace(arm.stem, "../elsewhere"))
+    with pytest.raises(PackItError, match=r"executed\.jsonl, line 1: .*'../elsewhere'"):
+        PackItError, match=r"executed\.jsonl, line 1: .*trajectory' is '../elsewhere'"
+    ):
+        PackCollection.read(file, library)
 
 
 def test_names_in_lists_are_no_markup(packs: list[Pack], library: ShapeLibrary) -> None:

@@ -89,9 +89,10 @@ def _frames(
     around = station + np.array([(x, y, 0) for x in (-0.5, 0.5) for y in (-0.5, 0.5)])
     points = np.concatenate((around, [(*size[:2] / 2, size[2] + MARGIN)]))
     if arm.base.translation.any():  # it stands next to the box: its joints are in the picture
-        first = trajectory.attempts[0].recording.joints[::_SECOND]
+        each = (one.recording.joints[::_SECOND] for one in trajectory.attempts)
+        first = next((joints for joints in each if len(joints)), np.empty((0, cell.joints)))
         joints = [pose.translation for one in first for pose in arm.poses(one)]
-        points = np.concatenate((around, np.array(joints) / cell.edge))
+        points = np.concatenate((around, np.reshape(joints, (-1, 3)) / cell.edge))
     poses: list[Motion | None] = [None] * len(trajectory.attempts)
     for number, attempt in enumerate(trajectory.attempts):
         own = attempt.recording

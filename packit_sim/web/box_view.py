@@ -57,6 +57,8 @@ class DisplaySettings:
         Numbers of the items with opacity `solid`, while others look like glass; None for all.
     solid : float
         Opacity, 0 to 1.
+    layout : Layout | None
+        Where the items are shown, whatever `explode` is; None in their places.
     """
 
     step: int | None = None
@@ -65,6 +67,7 @@ class DisplaySettings:
     colors: tuple[Color, ...] | None = None
     focus: frozenset[int] | None = None
     solid: float = 1.0
+    layout: Layout | None = None
 
 
 DEFAULT_DISPLAY = DisplaySettings()
@@ -110,11 +113,15 @@ class BoxView:
                 self._cells = box.cells
             rows = list(enumerate(box.placed))
             self._forget(set(rows), display.cut)
-            layout = Layout.packed(box.placed, np.array(box.cells) * CELL, display.explode)
+            layout = display.layout or Layout.packed(
+                box.placed, np.array(box.cells) * CELL, display.explode
+            )
             colors = display.colors or by_item([placed.item for placed in box.placed]).of
             for key, pose, color in zip(rows, layout.poses, colors, strict=True):
-                assert pose is not None
-                self._show_item(key, pose, color, display)
+                if pose is not None:
+                    self._show_item(key, pose, color, display)
+                elif key in self._items:
+                    self._items[key].visible = False
 
     def move(self, origin: Floats) -> None:
         """Move a box that has its own node: its origin is at a position (3,)."""
@@ -170,6 +177,7 @@ class BoxView:
         gone = display.cut is not None and is_beyond(_on_grid(placed), display.cut)
         parts = self._cut_open(key, color) if inside and not gone else ()
         self._items[key].visible = inside and not gone and not parts
+        self._items[key].wxyz = pose.wxyz
         glass = display.focus is not None and number not in display.focus
         opacity = _GLASS if glass else display.solid
         for handle in (self._items[key], *self._parts.get(key, ())):

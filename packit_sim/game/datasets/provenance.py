@@ -21,6 +21,7 @@ Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Positive = Annotated[float, Meta(gt=0)]
 Return = Annotated[float, Meta(ge=-RETURN_SLACK, le=1 + RETURN_SLACK)]
 Seconds = Annotated[float, Meta(ge=0)]
+Sha256 = Annotated[str, Meta(pattern=r"\A[0-9a-f]{64}\Z")]
 RotationIndex = Annotated[int, Meta(ge=0, lt=rotations.COUNT)]
 
 PuzzleName = Literal["guillotine", "pinwheel", "polycubes", "curved"]
@@ -187,7 +188,7 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
     weights: str | None = None
     scores: Mapping[str, int | float] = {}
     pieces: Method | None = None
-    trajectory: str | None = None
+    trajectory: Sha256 | None = None
 
     def __post_init__(self) -> None:
         if self.rules == PACKIT:  # msgspec leaves out the default itself, not what equals it

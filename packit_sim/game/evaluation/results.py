@@ -317,5 +317,7 @@ def stored_trajectory(file: Path, rollout: Rollout, library: ShapeLibrary) -> Tr
         If it is missing, or not a trajectory.
     """
     path = trajectories_folder(file) / f"{rollout.played.trajectory}.npz"
+    if not path.is_file():
+        raise PackFormatError(f"the trajectory {path} is missing")
     with naming(path), located(path, PackFormatError):
         return Trajectory.from_bytes(path.read_bytes(), library.__getitem__)

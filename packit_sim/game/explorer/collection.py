@@ -14,11 +14,12 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.game.datasets.pack_files import dataset_file, dataset_library, read_packs
 from packit_sim.game.datasets.packs import Pack, Task
 from packit_sim.game.datasets.provenance import UNKNOWN_PROVENANCE, Densified, Evolved, Played
-from packit_sim.game.evaluation.results import ResultsError, Rollout
+from packit_sim.game.evaluation.results import ResultsError, Rollout, stored_trajectory
 from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.robot.trajectory import Trajectory
 from packit_sim.rules import PACKIT, Rules
 
 
@@ -46,6 +47,8 @@ class PackView:
         The rules of the episode; those of the paper for packs that no agent packed.
     values : tuple of float
         The value of each item, if the rules count values.
+    has_arm : bool
+        Whether an arm packed it, of which a trajectory was recorded.
     """
 
     title: str
@@ -57,6 +60,7 @@ class PackView:
     total: float
     rules: Rules = PACKIT
     values: tuple[float, ...] = ()
+    has_arm: bool = False
 
     @cached_property
     def items(self) -> tuple[Item, ...]:
@@ -114,6 +118,8 @@ class PackCollection:
     tasks : Sequence[Pack]
         The packs of the tasks that agents played: they show which items were left outside, and
         follow the results in the sequence.
+    file : Path, optional
+        The file of the packs, next to which trajectories of an arm are.
 
     Examples
     --------
@@ -129,10 +135,15 @@ class PackCollection:
     """
 
     def __init__(
-        self, packs: Sequence[Pack], library: ShapeLibrary, tasks: Sequence[Pack] = ()
+        self,
+        packs: Sequence[Pack],
+        library: ShapeLibrary,
+        tasks: Sequence[Pack] = (),
+        file: Path | None = None,
     ) -> None:
         self._library = library
         self._tasks = tasks
+        self._file = file
         self._entries = [_Entry(pack, _task_of(pack)) for pack in packs]
         played = dict.fromkeys(e.task for e in self._entries if e.task is not None)
         for number in played if tasks else ():
@@ -177,7 +188,7 @@ class PackCollection:
         packs = read_packs(file)
         library = library or dataset_library(file)
         played = [] if tasks is None else read_packs(dataset_file(tasks, tasks_split))
-        return cls(packs, library, played)
+        return cls(packs, library, played, file)
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -210,7 +221,19 @@ class PackCollection:
             volume or 1.0,
             rules,
             tuple(values),
+            self._file is not None and played is not None and played.trajectory is not None,
         )
+
+    def trajectory(self, number: int) -> Trajectory:
+        """Read the trajectory of the arm that packed a box (see `PackView.has_arm`).
+
+        Raises
+        ------
+        PackFormatError
+            If it is missing, or not a trajectory.
+        """
+        assert self._file is not None
+        return stored_trajectory(self._file, Rollout(self._entries[number].pack), self._library)
 
     def rivals(self, number: int) -> tuple[int, ...]:
         """Return the packs to compare with one: those of the same task, or of no task."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from packit_sim.game.explorer.arm_replay import INTERVAL
 from packit_sim.game.explorer.collection import PackView
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
@@ -33,6 +34,8 @@ class ViewRequest:
         The number of the pack next to it.
     step : int
         The number of items in the box.
+    seconds : float | None
+        The simulated time of the arm; None for the box without the arm.
     explode : float
         The distance by which items are moved apart; 0 for "Why not here?", which needs locations.
     cut : Cut | None
@@ -48,6 +51,7 @@ class ViewRequest:
     pack: int
     second: int | None
     step: int
+    seconds: float | None
     explode: float
     cut: Cut | None
     coloring: str
@@ -94,6 +98,10 @@ class Controls:
         )
         self.second.visible = len(titles) > 1
         self._step = gui.add_slider("step", 0, 1, 1, 1, hint="how many items are in the box")
+        self.arm = gui.add_checkbox("show the arm", False, visible=False)
+        self._seconds = gui.add_slider(
+            "seconds", 0.0, 1.0, INTERVAL, 0.0, visible=False, hint="simulated time"
+        )
         self.play = gui.add_button("Play")
         self.notice = gui.add_markdown("", visible=False)
         tabs = gui.add_tab_group()
@@ -119,6 +127,8 @@ class Controls:
             self.second,
             self.item,
             self.axis,
+            self.arm,
+            self._seconds,
         ]
         handles += [self._color, self.wanted, self._step, self.explode, self._at, self._rotation]
         handles += self._location
@@ -135,6 +145,7 @@ class Controls:
             self._titles.index(self._pack.value),
             None if self.second.value == NOTHING else self._titles.index(self.second.value),
             self._step.value,
+            self._seconds.value if self.arm.value else None,
             self.explode.value if wanted is None else 0.0,
             None if axis is None else Cut(axis, max(self._at.value, CELL)),
             self._color.value,
@@ -153,6 +164,21 @@ class Controls:
         """Set the number of steps, and show all of them."""
         self._step.max = max(1, steps)
         _set(self._step, steps)
+
+    def set_seconds(self, seconds: float) -> None:
+        """Show a moment of the arm."""
+        _set(self._seconds, seconds)
+
+    def set_arm(self, offered: bool) -> None:
+        """Offer the arm, if one packed the box, or do not."""
+        self.arm.visible = offered
+        _set(self.arm, False)
+
+    def set_replay(self, last: float | None) -> None:
+        """Show the slider of the arm's time up to its last moment, or the one of steps."""
+        self._step.visible, self._seconds.visible = last is None, last is not None
+        if last is not None:
+            self._seconds.max = last
 
     def set_pack(self, view: PackView) -> None:
         """Offer the items and the extents of another pack, with nothing selected."""
@@ -185,9 +211,9 @@ class Controls:
         self.notice.visible = bool(notice)
         self.notice.content = notice
 
-    def set_step(self, step: int) -> None:
+    def set_step(self, step: float) -> None:
         """Show a number of items."""
-        _set(self._step, step)
+        _set(self._step, int(step))
 
     def choose(self, view: PackView, number: int) -> None:
         """Select an item, or none if it is selected already."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from packit_sim.core.errors import PackItError
 from packit_sim.game.explorer import panels
+from packit_sim.game.explorer.arm_replay import FPS, INTERVAL, ArmReplay
 from packit_sim.game.explorer.collection import PackCollection, PackView
 from packit_sim.game.explorer.controls import Controls, ViewRequest
 from packit_sim.game.explorer.markers import FitMarkers
@@ -92,6 +93,7 @@ class Explorer:
         self._drawn: ViewRequest | None = None
         self._boxes: list[BoxView] = []
         self._query: FitQuery | None = None
+        self._replay: ArmReplay | None = None
         self._due: float | None = None
         self._playing = False
         self._thread = RedrawThread(self._work)
@@ -147,7 +149,7 @@ class Explorer:
             self.controls.show_notice(f"**This can't be shown:** {error}")
             return None
         self.controls.show_notice("")
-        return self._play_on(request.step)
+        return self._play_on(request)
 
     def _apply_request(self) -> ViewRequest:
         """Set lists and ranges to the requested packs, and return the resulting request."""
@@ -162,12 +164,20 @@ class Explorer:
             numbers = [n for n in (request.pack, request.second) if n is not None]
             self.views = [self._collection[n] for n in numbers]
             if other:
+                self._replay = None
+                self.controls.set_arm(self.views[0].has_arm)
                 self.controls.set_pack(self.views[0])
                 self.controls.facts.content = panels.facts(self.views[0])
             self.controls.set_steps(self._steps)
             self._create_boxes()
             request = self.controls.request
         view = self.views[0]
+        request = self.controls.request
+        if request.seconds is not None and self._replay is None:
+            self._replay = ArmReplay.of(self._collection.trajectory(request.pack))
+        if drawn is None or (request.seconds is None) != (drawn.seconds is None):
+            shown = self._replay if request.seconds is not None else None
+            self.controls.set_replay(None if shown is None else shown.seconds)
         self.controls.set_outside(view, request.step)
         request = self.controls.request
         if request.wanted is not None and (drawn is None or request.wanted != drawn.wanted):
@@ -191,8 +201,9 @@ class Explorer:
             for n, name in enumerate(_NODES[: len(self.views)])
         ]
 
-    def _arrange(self, explode: float) -> None:
+    def _arrange(self, request: ViewRequest) -> None:
         """Arrange the boxes side by side, with titles, and move cameras so that all is in view."""
+        explode = request.explode
         places = _places([view.cells for view in self.views], explode)
         seen = []
         for view, box, place in zip(self.views, self._boxes, places, strict=True):
@@ -203,13 +214,15 @@ class Explorer:
                 box.title(view.name, head)
                 points = np.vstack((points, head))
             seen.append(points + place)
+        if request.seconds is not None and self._replay is not None:
+            seen.append(self._replay.at(0.0).points)
         self.page.frame(np.concatenate(seen))
 
     def _draw(self, request: ViewRequest) -> None:
         first, drawn = self.views[0], self._drawn
-        where = request.pack, request.second, request.explode
-        if drawn is None or where != (drawn.pack, drawn.second, drawn.explode):
-            self._arrange(request.explode)
+        where = _arrangement(request)
+        if drawn is None or where != _arrangement(drawn):
+            self._arrange(request)
         colors, legend = _colored(self.views, request.coloring)
         self._query = self._query_of(request)
         for n, (view, box) in enumerate(zip(self.views, self._boxes, strict=True)):
@@ -222,6 +235,12 @@ class Explorer:
                 focus,
                 1.0 if self._query is None else _BLOCKING,
             )
+            if n == 0 and request.seconds is not None and self._replay is not None:
+                replay = self._replay
+                display = DisplaySettings(colors=replay.colors, layout=replay.at(request.seconds))
+                box.show(replay.contents, display)
+                box.label(None)
+                continue
             box.show(view.contents(), display)
             chosen = None if request.chosen is None else first.items[request.chosen]
             same = [] if chosen is None else sorted(view.same(chosen))
@@ -263,26 +282,34 @@ class Explorer:
         item = view.items[request.wanted].turned(request.rotation)
         return FitQuery(view.box(request.step), item)
 
-    def _play_on(self, step: int) -> float | None:
+    def _play_on(self, request: ViewRequest) -> float | None:
         """Take the next step of playback if it is due; return the seconds until then."""
         now = time.monotonic()
+        if request.seconds is None or self._replay is None:
+            at, last, by, pace = float(request.step), float(self._steps), 1.0, PACE
+            show: Callable[[float], None] = self.controls.set_step
+        else:
+            at, last, by, pace = request.seconds, self._replay.seconds, INTERVAL, 1 / FPS
+            show = self.controls.set_seconds
         if not self._playing:
             self._due = None
         elif self._due is None:
-            self._due = now + PACE
-            if step >= self._steps:
-                self.controls.set_step(0)
-        elif step >= self._steps:
+            self._due = now + pace
+            if at >= last:
+                show(0)
+        elif at >= last:
             self._playing, self._due = False, None
         elif now >= self._due:
-            self._due = now + PACE
-            self.controls.set_step(step + 1)
+            self._due = now + pace
+            show(min(at + by, last))
         self.controls.play.label = "Pause" if self._playing else "Play"
         return None if self._due is None else max(0.0, self._due - now)
 
     def choose(self, n: int, number: int) -> None:
         """Select the clicked item of one of the boxes in the first one."""
         first, view = self.views[0], self.views[n]
+        if self._drawn is not None and self._drawn.seconds is not None and n == 0:
+            return
         item = view.items[number]
         same = [number] if n == 0 else [m for m, one in enumerate(first.items) if _same(one, item)]
         if same:
@@ -302,6 +329,11 @@ def _places(cells: Sequence[Triple], explode: float) -> npt.NDArray[np.float64]:
         first, second = cells[0][0], cells[1][0]
         places[1, 0] = -CELL * (second + _GAP * first + explode * (first + second) / 2)
     return places
+
+
+def _arrangement(request: ViewRequest) -> tuple[object, ...]:
+    """Return what decides where boxes are, and what is in view."""
+    return request.pack, request.second, request.explode, request.seconds is not None
 
 
 def _same(a: Item, b: Item) -> bool:
