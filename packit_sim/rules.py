@@ -101,7 +101,7 @@ class Rules:
                 "come from above: leave out kinematic and physics"
             )
         if self.robot is not None and self.values:
-            raise ArgumentError("what an arm packs is measured by volume: leave out values")
+            raise ArgumentError("an arm's packing is measured by volume: leave out values")
         if self.cells is not None:
             object.__setattr__(self, "cells", box_cells(self.cells))
         if self.buffer is not None:

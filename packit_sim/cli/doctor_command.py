@@ -25,7 +25,7 @@ def doctor_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
     compile: Annotated[
         bool,
-        typer.Option("--compile", help="First compile what commands would compile at first use."),
+        typer.Option("--compile", help="Compile the kernels of all commands first."),
     ] = False,
 ) -> None:
     """Check what works on this machine, and print remedies.

@@ -100,7 +100,7 @@ def evaluate_command(
     Example: packit evaluate everyday-v1 --split test --agent largest-first/aligned/blbf
     """
     if scores and physics:
-        raise ArgumentError("--scores and --physics exclude each other: items already settled")
+        raise ArgumentError("--scores and --physics exclude each other: choose one")
     settings = DecompositionSettings(method=decomposition)
     if scores or physics:
         convex.require(settings)
@@ -186,9 +186,9 @@ def compare_command(
     With one file, its agents are compared with each other. With two files, the agents of the first
     are compared with those of the second.
 
-    With --runs, methods are compared that were trained several times: means and interquartile
-    means, with intervals over runs and tasks, and differences to the first method. A method whose
-    name is in several files has a run in each.
+    With --runs, methods that were trained several times are compared by means and interquartile
+    means, with intervals over runs and tasks, and by differences to the first method. A method
+    whose name is in several files has a run in each.
 
     Example: packit compare mine.jsonl yours.jsonl
 

@@ -155,8 +155,7 @@ def execute_command(
     is_packing = dataset.endswith(".json")
     if moves > 1 and not (is_packing or stored or reachable is False):
         raise ArgumentError(
-            f"--moves {moves} has no effect on masks of what is reached straight from above: add "
-            "--all-masks"
+            f"--moves {moves} has no effect on masks of ways straight from above: add --all-masks"
         )
     if is_packing or stored:
         what = "a packing" if is_packing else "not planned again"

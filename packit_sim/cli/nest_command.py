@@ -96,9 +96,9 @@ def nest_command(
     early and keeps the best packing so far. With --separable, items that interlock are placed again
     on top of the others.
 
-    The format is that of the ESICUP data sets. The built-in instances, and where to get
-    those of the literature: https://packit-sim.readthedocs.io (Reference, Strip-packing instances).
-    In Python, `packit_sim.nest` also fills one box or several.
+    The format is that of the ESICUP data sets. https://packit-sim.readthedocs.io (Reference,
+    Strip-packing instances) describes the built-in instances and those of the literature. In
+    Python, `packit_sim.nest` also fills one box or several.
 
     Example: packit nest cut-cube-8 --time 10
 

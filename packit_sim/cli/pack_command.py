@@ -40,8 +40,8 @@ def pack_command(
         list[str],
         typer.Argument(
             metavar="PARTS",
-            help="Mesh files, folders, or manifests (.csv, .xlsx). FILE=4: four of one, FILE=max: "
-            "as many as fit, FILE=fill: the same after everything else.",
+            help="Mesh files, folders, or manifests (.csv, .xlsx). FILE=4: four copies, FILE=max: "
+            "as many as fit, FILE=fill: as many as fit after everything else.",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the packing.")],
@@ -49,14 +49,16 @@ def pack_command(
         list[str] | None,
         typer.Option(
             "--box",
-            help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several; or a list "
-            "of boxes (.csv, .xlsx).",
+            help="Sides of the box, such as 300x200x150mm; A:300x200x150mm names one of several; "
+            "or a list of boxes (.csv, .xlsx).",
         ),
     ] = None,
     container: ContainersOption = None,
     objective: Annotated[
         Goal,
-        typer.Option(help="Most volume, count or value; or all parts, lowest or in fewest boxes."),
+        typer.Option(
+            help="Most volume, count or value; or all parts: least height, or fewest boxes."
+        ),
     ] = "volume",
     clearance: Annotated[
         str, typer.Option(help="Smallest distance between two parts, such as 1mm.")
@@ -146,7 +148,8 @@ def pack_command(
     powder: Annotated[
         str | None,
         typer.Option(
-            help="Loose powder's g/cm3 and refresh rate, such as 0.45:20%: how much is used."
+            help="Density (g/cm3) and refresh rate of the powder, such as 0.45:20%, to print how "
+            "much is used."
         ),
     ] = None,
     unit: FileUnitOption = "mm",
@@ -155,7 +158,7 @@ def pack_command(
         bool | None,
         typer.Option(
             "--separate/--joined",
-            help="Pack each part of a file's scene by itself; default: for 3MF and STEP.",
+            help="Pack each part of a file's scene separately; default for 3MF and STEP.",
         ),
     ] = None,
     accuracy: Annotated[

@@ -49,7 +49,7 @@ def prepare_command(
     decomposition: DecompositionOption = METHODS[0],
     workers: WorkersOption = 0,
 ) -> None:
-    """Compute beforehand what takes long when it is first needed.
+    """Prepare a dataset for physics: decompose its shapes into convex pieces.
 
     PackItPhysics-v0, `packit evaluate --physics` and `packit score` simulate convex pieces of
     shapes. A shape takes 3 to 22 s, once: the pieces are kept on disk, for all processes. The

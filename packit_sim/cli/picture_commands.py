@@ -81,7 +81,7 @@ def render_command(
     color: ColorOption = "item",
     legend: Annotated[bool, typer.Option(help="Explain the colours at the right.")] = True,
 ) -> None:
-    """Draw a pack, a task or a result, or without DATASET shapes of a library side by side.
+    """Draw a pack, a task or a result; without DATASET, shapes of a library side by side.
 
     A .npz file contains the image, depth, segmentation and the camera's projection as arrays.
 

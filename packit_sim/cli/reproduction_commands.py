@@ -77,7 +77,7 @@ def reproduce_command(
     """Reproduce a table or figure of the paper, and print our numbers next to the paper's.
 
     The portfolio is beyond the paper: returns of rules with searches over processor seconds.
-    It takes over two hours of one core, and is not part of "all".
+    It takes over two core-hours, and is not part of "all".
 
     The command can be stopped at any time: repeat it to resume.
 

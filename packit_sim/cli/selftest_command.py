@@ -60,8 +60,8 @@ def selftest_command(
 ) -> None:
     """Compare the engine with the oracle in random cases; exit code 1 if answers differ.
 
-    Cases are boxes filled with library meshes and with hard meshes: soups, shells, blocks that
-    touch, all sizes, nested surfaces. A difference is reduced to a small file. With
+    Cases are boxes filled with library meshes and with hard meshes: unconnected triangles, shells,
+    blocks that touch, all sizes, nested surfaces. A difference is reduced to a small file. With
     --out the command can be stopped at any time: repeat it to resume.
 
     Example: packit selftest --minutes 10 --workers 0

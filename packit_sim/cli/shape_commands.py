@@ -234,8 +234,8 @@ def import_command(
     """Import meshes as a library: repaired, simplified, divided into splits, with a report.
 
     Each mesh is read in a separate process with limited memory and time. A file becomes one rigid
-    shape, even if its scene has several parts. From ShapeNet, the paper's three subsets are taken:
-    100 shapes of each category, or a third.
+    shape, even if its scene has several parts. Of ShapeNet, the paper's three subsets are imported:
+    each has 100 shapes of a category, or a third of them.
 
     Example: packit shapes import folder:meshes --unit mm --out my-library
     """

@@ -89,7 +89,7 @@ class SettlingBox(BaseBox[SettledItem]):
         if not self._is_feasible(candidate):
             raise InfeasibleError(
                 f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation}) at "
-                f"{candidate.location} is not inside the box, or in conflict with items there"
+                f"{candidate.location} is outside the box, or in conflict with items there"
             )
         settled = self._released(candidate)
         occupancy: Occupancy[SettledItem] = Occupancy(self.cells)

@@ -119,7 +119,7 @@ class RobotBox(BaseBox[Any]):
         if not self._is_feasible(candidate):
             raise InfeasibleError(
                 f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation}) at "
-                f"{candidate.location} is not inside the box, in conflict with items there, or "
+                f"{candidate.location} is outside the box, in conflict with items there, or "
                 "can't be held or reached"
             )
         before = self._counted

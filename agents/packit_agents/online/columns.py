@@ -179,8 +179,8 @@ def cubes(item: Item) -> Cubes:
     is_drawn_in = (np.abs(item.extents - sides * _CUBE) < 2 * _INSET * _CUBE).all()
     if not found or not is_drawn_in or not 1 - 6 * _INSET < item.volume / volume <= 1:
         raise ArgumentError(
-            f"shape {item.shape.id!r} is no polycube whose cubes are a grid step wide, which "
-            "values of columns are for: choose another agent"
+            f"values of columns need polycubes whose cubes are a grid step wide, which shape "
+            f"{item.shape.id!r} is not: choose another agent"
         )
     return found
 

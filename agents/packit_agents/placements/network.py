@@ -125,10 +125,10 @@ class PlacementNetwork:
                 metadata.get("provenance", ""), dict[str, Any], TensorFileError, "provenance"
             )
         if features != list(cls.features):
-            raise TensorFileError(f"{path} was trained with other features than these")
+            raise TensorFileError(f"{path} was trained with other features than this version has")
         width = math.prod(tensors["first.bias"].shape) if "first.bias" in tensors else 1
         if {name: tensor.shape for name, tensor in tensors.items()} != cls.shapes(width):
-            raise TensorFileError(f"{path} holds other tensors than those of such a network")
+            raise TensorFileError(f"{path} holds other tensors than a network for placements")
         if not tensors["scale"].all():
-            raise TensorFileError(f"{path}: 'scale' has a 0, by which features are divided")
+            raise TensorFileError(f"{path}: 'scale' has a 0, but features are divided by it")
         return cls(tensors, provenance)

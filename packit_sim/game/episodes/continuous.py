@@ -40,7 +40,7 @@ class LooseBox(BaseBox[PosedItem]):
         if not self.is_free(posed):
             raise InfeasibleError(
                 f"{posed.item.shape.id!r} (scale {posed.item.scale:g}) at {posed.center.round(4)} "
-                "is not inside the box, or in conflict with items there"
+                "is outside the box, or in conflict with items there"
             )
         self._occupancy.add(posed)
 

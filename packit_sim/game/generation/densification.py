@@ -223,9 +223,9 @@ class Densification:
         if self._beginnings == BEGINNINGS:
             raise DensificationError(
                 f"seed {self.seed}: the smallest item has {100 * self._smallest_share():.2f}% of "
-                f"the volume, not {100 * self.settings.floor:g}%, {len(self.densities) - 1} rounds "
-                f"after the last of {BEGINNINGS} beginnings: choose a lower floor, fewer items or "
-                "more rounds"
+                f"the volume, less than the floor of {100 * self.settings.floor:g}%, after "
+                f"{BEGINNINGS} starts with {len(self.densities) - 1} rounds in the last: choose a "
+                "lower floor, fewer items or more rounds"
             )
         self._beginnings += 1
         self._items.clear()

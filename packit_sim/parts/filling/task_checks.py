@@ -70,9 +70,7 @@ def check_task(task: PackTask) -> None:
         _check_masses(task, "load limits")
     if task.settings.even and task.is_constrained:
         with about("even"):
-            raise ArgumentError(
-                "even is not possible with constraints: parts that move may break them"
-            )
+            raise ArgumentError("even is not possible with constraints: moved parts may break them")
     with about("powder"):
         _check_powder(task)
     for box in task.boxes:
@@ -111,7 +109,7 @@ def _check_powder(task: PackTask) -> None:
 def _check_fixed(task: PackTask) -> None:
     """Raise ArgumentError if the fixed parts can't be where they are."""
     if task.fixed and (len(task.boxes) > 1 or task.boxes[0].count != 1):
-        raise ArgumentError("parts that are fixed need one box: they are only in that one")
+        raise ArgumentError("parts that are fixed need one box: choose a single one")
     container = task.boxes[0].container
     for each in task.fixed:
         name = f"fixed: part {each.part.name!r}"

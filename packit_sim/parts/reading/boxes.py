@@ -135,7 +135,7 @@ class BoxType:
         """
         match = _NAMED.fullmatch(text.strip())
         if match is None or _FILE.search(text):
-            raise ArgumentError(f"box {shown(text)} is not possible: such as {FORMS}")
+            raise ArgumentError(f"box {shown(text)} is not possible: choose one such as {FORMS}")
         own = int(match["count"]) if match["count"] else count
         if not match["round"]:
             x, y, z = lengths(match["size"], 3, unit, plain)
