@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 
@@ -113,6 +114,16 @@ def poses(viewer: Viewer) -> list[np.ndarray]:
 def test_the_page_answers_at_its_address(viewer: Viewer) -> None:
     assert viewer.address.startswith("http://127.0.0.1:")
     assert status(viewer.address) == 200
+
+
+def test_the_page_follows_the_scheme_of_the_system(viewer: Viewer) -> None:
+    request = urllib.request.Request(viewer.address, headers={"Accept-Encoding": "gzip"})
+    with urllib.request.urlopen(request, timeout=5) as answer:
+        page = answer.read()
+    assert 0 < page.index(b"prefers-color-scheme: dark") < page.index(b"<title>Viser</title>")
+    assert page.rstrip().endswith(b"</html>")
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        status(f"{viewer.address}/nothing.js")
 
 
 def test_items_stand_where_they_are_placed() -> None:

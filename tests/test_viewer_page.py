@@ -259,9 +259,9 @@ def test_the_panel_does_not_cover_the_box(chromium, window: tuple[int, int]) -> 
     )
     with Explorer(collection) as explorer:
         width, height = window
-        page = chromium.new_page(viewport={"width": width, "height": height})
+        page = chromium.new_page(viewport={"width": width, "height": height}, color_scheme="dark")
         page.set_default_timeout(LONG)
-        page.goto(f"{explorer.address}?darkMode")
+        page.goto(explorer.address)
         page.get_by_text("Play", exact=True).wait_for()
         assert page.locator("html").get_attribute("data-mantine-color-scheme") == "dark"
         own = Opened(explorer, page)

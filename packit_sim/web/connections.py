@@ -21,6 +21,15 @@ from packit_sim.web.origins import MAX_CONNECTIONS, is_own_page
 _INVALID = 1007
 """The code with which a WebSocket closes after a malformed message (RFC 6455)."""
 
+_SCHEME = b"""<script>
+if (matchMedia("(prefers-color-scheme: dark)").matches) {
+  const query = new URLSearchParams(location.search);
+  query.set("darkMode", "");
+  history.replaceState(null, "", `?${query}`);
+}
+</script>"""
+"""Lets viser's page be dark where the system is: viser only reads its address."""
+
 _log = plain_logger(__name__)
 
 ConnectionHandler = Callable[[server.ServerConnection], Awaitable[None]]
@@ -28,7 +37,7 @@ ConnectionHandler = Callable[[server.ServerConnection], Awaitable[None]]
 
 @contextlib.contextmanager
 def guarded(host: str, protocol: str) -> Iterator[list[int]]:
-    """Guard the WebSocket servers that start within the block.
+    """Guard the WebSocket servers that start within the block, and let pages follow the system.
 
     This is the one place that replaces a function of another library: viser calls
     `websockets.asyncio.server.serve` by that name and lets nobody check requests. While the block
@@ -60,7 +69,13 @@ def guarded(host: str, protocol: str) -> Iterator[list[int]]:
                 return connection.respond(HTTPStatus.FORBIDDEN, "not a page of this server\n")
             if len(connection.server.connections) >= MAX_CONNECTIONS:
                 return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many connections\n")
+            if "Accept-Encoding" in headers:
+                del headers["Accept-Encoding"]  # the page is changed, and hardly compressible
             answer: Response | None = process_request(connection, request)
+            if answer is not None and answer.status_code == HTTPStatus.OK:
+                answer.body = answer.body.replace(b"<head>", b"<head>" + _SCHEME, 1)
+                del answer.headers["Content-Length"]
+                answer.headers["Content-Length"] = str(len(answer.body))
             return answer
 
         started.append(1)
