@@ -345,6 +345,12 @@ def test_every_picture_is_used() -> None:
     assert not unused, sorted(map(name, unused))
 
 
+def test_the_sidebar_has_at_most_30_pages() -> None:
+    tables = [block.code.splitlines() for block in blocks(DOCS / "index.md", "{toctree}")]
+    pages = [line for lines in tables for line in lines if line and not line.startswith(":")]
+    assert 20 < len(pages) <= 30
+
+
 def test_every_page_is_in_a_table_of_contents() -> None:
     listed = {
         file.resolve()
