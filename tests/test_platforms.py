@@ -11,7 +11,6 @@ import pytest
 from trimesh import creation
 
 import packit_sim
-from packit_agents.learning.training_settings import read_settings
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.reading import box_lists, boxes, files
@@ -133,4 +132,12 @@ def test_text_files_may_have_marks_and_line_ends_of_windows(
     monkeypatch.setenv("PACKIT_CONFIG", str(tmp_path))
     write("containers.toml", "[mine]", 'size = "30x30x30mm"')
     assert named_containers()["mine"].size == "30x30x30mm"
-    assert read_settings(write("train.toml", "steps = 512"), []).steps == 512
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_settings_may_have_marks_and_line_ends_of_windows(end, mark, tmp_path) -> None:
+    settings = pytest.importorskip("packit_agents.learning.training_settings")
+    file = tmp_path / "train.toml"
+    file.write_bytes(f"{mark}steps = 512{end}".encode())
+    assert settings.read_settings(file, []).steps == 512
