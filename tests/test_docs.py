@@ -345,6 +345,13 @@ def test_every_picture_is_used() -> None:
     assert not unused, sorted(map(name, unused))
 
 
+@pytest.mark.parametrize("front", [ROOT / "README.md", DOCS / "index.md"])
+def test_a_front_page_links_the_repository_and_its_issues(front) -> None:
+    urls = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
+    page = front.read_text(encoding="utf-8")
+    assert f"]({urls['Repository']})" in page and f"]({urls['Issues']})" in page
+
+
 def test_the_sidebar_has_at_most_30_pages() -> None:
     tables = [block.code.splitlines() for block in blocks(DOCS / "index.md", "{toctree}")]
     pages = [line for lines in tables for line in lines if line and not line.startswith(":")]
