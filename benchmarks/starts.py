@@ -1,10 +1,12 @@
-"""Measure what `packit` costs before it works: processor seconds and modules of `--help`.
+"""Measure what `packit` costs before it works: processor seconds, instructions and modules.
 
     .venv/bin/python -m benchmarks.starts --code ../before --label before
     .venv/bin/python -m benchmarks.starts
 
 Each run is a fresh process with compiled bytecode, after one that is not counted. The processor
 time is that of the whole process; the least depends least on what else the machine does.
+Instructions are counted by Valgrind's callgrind, where it is installed; two counts differ by less
+than a thousandth.
 Modules are those that were executed, by `-X importtime`, together with Python's own. Of the help of
 each other command, a third as many runs are measured. `--code` measures the code in another folder,
 without those. Writes `benchmarks/results/starts.json` and the table of
@@ -15,9 +17,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 import statistics
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,20 +56,24 @@ COMMANDS = (
 
 LABEL = "now"
 
+CALLGRIND = ("valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null")
+"""Runs a command, and prints the number of its instructions to stderr."""
 
-def measure(words: list[str], code: Path, runs: int) -> dict[str, Any]:
-    """Run a command several times.
+
+def measure(words: list[str], code: Path, runs: int, counted: bool = True) -> dict[str, Any]:
+    """Run a command several times, and once to count its instructions.
 
     Returns
     -------
     dict
-        The processor seconds of each run, and the number of modules.
+        The processor seconds of each run, the number of modules, and the number of instructions,
+        or None without Valgrind.
     """
     env = {**os.environ, "PYTHONPATH": f"{code}{os.pathsep}{code / 'agents'}"}
     env.pop("PYTHONDONTWRITEBYTECODE", None)
 
-    def run(*options: str) -> str:
-        command = [sys.executable, *options, "-m", "packit_sim", *words]
+    def run(*options: str, within: Sequence[str] = ()) -> str:
+        command = [*within, sys.executable, *options, "-m", "packit_sim", *words]
         return subprocess.run(
             command, cwd=code, env=env, capture_output=True, text=True, check=True
         ).stderr
@@ -77,7 +86,12 @@ def measure(words: list[str], code: Path, runs: int) -> dict[str, Any]:
         after = os.times()
         used = sum(after[2:4]) - sum(before[2:4])
         seconds.append(round(used, 3))
-    return {"processor": seconds, "modules": modules}
+    instructions = None
+    if counted and shutil.which(CALLGRIND[0]):
+        collected = re.search(r"Collected : (\d+)", run(within=CALLGRIND))
+        assert collected is not None
+        instructions = int(collected[1])
+    return {"processor": seconds, "modules": modules, "instructions": instructions}
 
 
 def every_help(group: Any = None, name: str = "") -> list[str]:
@@ -103,13 +117,15 @@ def table(labels: dict[str, dict[str, Any]]) -> str:
     """Tabulate the results in Markdown, a row for each command."""
     head = ["command"]
     for label in labels:
-        head += [f"{label}: processor seconds, least (median)", "modules"]
+        head += [f"{label}: processor seconds, least (median)", "million instructions", "modules"]
     rows = []
     for command in COMMANDS:
         row = [f"`packit {command}`"]
         for found in labels.values():
             seconds = found[command]["processor"]
             row.append(f"{min(seconds):.2f} ({statistics.median(seconds):.2f})")
+            instructions = found[command].get("instructions")
+            row.append("" if instructions is None else f"{instructions / 1e6:,.0f}")
             row.append(str(found[command]["modules"]))
         rows.append(row)
     return markdown_table(head, rows)
@@ -132,7 +148,10 @@ def main() -> None:
     }
     if code == Path.cwd():
         few = -(-arguments.runs // 3)
-        helps = {each: measure(each.split(), code, few)["processor"] for each in every_help()}
+        helps = {
+            each: measure(each.split(), code, few, counted=False)["processor"]
+            for each in every_help()
+        }
     head = {"command": "python -m benchmarks.starts", "machine": machine()}
     write_json(file, {**head, "labels": labels, "helps": helps})
     found = text(labels, helps)
