@@ -89,4 +89,4 @@ def execution_problems(
         if theirs is None or not math.isclose(
             theirs, value, rel_tol=MEASURE_SLACK, abs_tol=MEASURE_SLACK
         ):
-            yield f"its {name} is recorded as {theirs!r}, of its trajectory it is {value!r}"
+            yield f"its {name} is recorded as {theirs!r}, but its trajectory gives {value!r}"

@@ -123,7 +123,7 @@ def result_problems(
         ("return", played.total, total),
     ):
         if not abs(recorded - computed) <= RETURN_SLACK:
-            yield f"its {name} is recorded as {recorded!r}, of its items it is {computed!r}"
+            yield f"its {name} is recorded as {recorded!r}, but its items give {computed!r}"
 
 
 def _arrival_problems(pack: Pack, digest: str, task: Facts, buffer: int) -> Iterator[str]:

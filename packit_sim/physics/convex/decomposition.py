@@ -120,8 +120,8 @@ def decompose(shape: Shape, settings: DecompositionSettings | None = None) -> De
 def _announce() -> None:
     """Log once in a process why a simulation takes long."""
     _log.warning(
-        "shapes that were never simulated are decomposed into convex pieces first, which takes "
-        "seconds each, once; `packit prepare DATASET --physics` does it beforehand"
+        "new shapes are decomposed into convex pieces, which takes seconds for each, once; "
+        "`packit prepare DATASET --physics` does it beforehand"
     )
 
 
