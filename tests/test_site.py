@@ -57,7 +57,7 @@ def test_pages_have_different_titles_and_a_short_sidebar(site) -> None:
         assert titles.setdefault(title, name) == name, title
     front = (site / "index.html").read_text(encoding="utf-8")
     assert 20 < front.count('<li class="toctree-l1') <= 30
-    assert front.index("I have parts") < front.index("I train agents") < front.index("<h2")
+    assert front.index("I have parts") < front.index("I train agents") < front.index("It rebuilds")
 
 
 def test_the_search_finds_what_newcomers_type(site) -> None:
