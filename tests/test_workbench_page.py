@@ -82,7 +82,8 @@ def test_box_and_parts_are_visible_before_packing(chromium) -> None:
 def test_the_result_is_shown_with_its_numbers_and_files(page) -> None:
     assert "90 x 60 x 10 mm" in page.locator("#files tr.file").nth(1).inner_text()
     assert page.locator("#locks li").count() == 4
-    assert "no problems" in page.locator("#summary").inner_text()
+    summary = page.locator("#summary").inner_text()
+    assert "no problems" in summary and "246,000 mm³ (0.246 l)" in summary
     assert page.locator("#message").inner_text().startswith("done in")
     assert "4 of 4 parts" in page.locator("#message").inner_text()
     assert int(page.locator("#scene").get_attribute("data-drawn")) > 0
@@ -90,6 +91,17 @@ def test_the_result_is_shown_with_its_numbers_and_files(page) -> None:
         with page.expect_download() as download:
             page.locator("#downloads a", has_text=name).click()
         assert download.value.suggested_filename == name.replace("all files", "packing.zip")
+
+
+@pytest.mark.slow
+def test_no_worse_packing_replaces_the_one_that_is_shown(page) -> None:
+    names = page.locator("#locks label").all_inner_texts()
+    page.locator("#locks input").nth(0).check()
+    _pack(page)
+    page.locator("#message", has_text="nothing better was found").wait_for()
+    assert sorted(page.locator("#locks label").all_inner_texts()) == sorted(names)
+    assert page.locator(CHECKED).count() == 1
+    page.locator(CHECKED).uncheck()
 
 
 def test_the_list_and_the_box_point_at_each_other(page) -> None:
