@@ -25,6 +25,9 @@ _NO_OPTION = "packit_sim.no_option"
 """Whether the first word is no option, in the `meta` of a context."""
 
 
+_NAMES = 24
+"""Columns of an option with its type: a longer one stands on a line above its text."""
+
 _HYPHEN = "\u2011"
 """The hyphen at which no line breaks."""
 
@@ -36,7 +39,8 @@ class _Formatter(typer.Context.formatter_class):  # type: ignore[valid-type,misc
         super().write_text(text.replace("-", _HYPHEN))
 
     def write_dl(self, rows: Iterable[tuple[str, str]], *widths: int) -> None:
-        super().write_dl([(name, text.replace("-", _HYPHEN)) for name, text in rows], *widths)
+        kept = [(name, text.replace("-", _HYPHEN)) for name, text in rows]
+        super().write_dl(kept, *(widths or (_NAMES,)))
 
     def write(self, string: str) -> None:
         super().write(string.replace(_HYPHEN, "-"))
