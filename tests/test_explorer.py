@@ -429,8 +429,6 @@ def test_a_trajectory_in_another_folder_is_refused(packs, library, tmp_path) -> 
     (arm,) = trajectories_folder(file).iterdir()
     file.write_text(file.read_text().replace(arm.stem, "../elsewhere"))
     with pytest.raises(PackItError, match=r"executed\.jsonl, line 1: .*'../elsewhere'"):
-        PackItError, match=r"executed\.jsonl, line 1: .*trajectory' is '../elsewhere'"
-    ):
         PackCollection.read(file, library)
 
 
