@@ -230,7 +230,7 @@ def test_what_is_not_feasible_changes_nothing() -> None:
     box = SettlingBox(CELLS, SETTINGS)
     box.place(cube_of(10), (3, 3, 0))
     before = box.snapshot()
-    for at, said in (((3, 3, 1), "in conflict"), ((9, 9, 9), "not inside"), ((0, 0, 10), "grid")):
+    for at, said in (((3, 3, 1), "in conflict"), ((9, 9, 9), "outside"), ((0, 0, 10), "grid")):
         with pytest.raises(InfeasibleError, match=said):
             box.place(cube_of(10), at)
     assert box.snapshot() == before
