@@ -166,6 +166,18 @@ def test_a_penetration_is_found() -> None:
     assert 0.005 < depth < 0.010
 
 
+def test_a_penetration_that_no_small_shift_ends_is_finite() -> None:
+    large = block(40, 40, 60)
+    box = RobotBox((100, 100, 100), CELL)
+    box.put(large, (0, 0, 0))
+    (one,) = box.placed
+    rows = one.recording.poses.copy()
+    rows[len(rows) // 2, 2] = 0.0  # half of the held item is in the table
+    wrong = replace(one, recording=replace(one.recording, poses=rows))
+    depth = measures(Trajectory.of(CELL, (100, 100, 100), [wrong]), [large])["penetration"]
+    assert depth / CELL.edge == pytest.approx(0.3)
+
+
 def test_the_held_item_follows_the_tool_and_joints_keep_their_limits(box: RobotBox) -> None:
     for number, one in enumerate(box.placed):
         own = one.recording

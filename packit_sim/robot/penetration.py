@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -51,10 +50,7 @@ class _There:
         return self.body.bounds(self.pose)
 
     def depth(self, other: _There, known: float) -> float:
-        """Return an upper bound of the depth of an overlap, or of a known one if that is deeper.
-
-        It is inf if no shift separates the two.
-        """
+        """Return an upper bound of the depth of an overlap, or of a known one if that is deeper."""
         between = other.pose.seen_from(self.pose)
         mesh, turn = self.body.mesh, np.ascontiguousarray(between.rotation)
         if not mesh.crosses(other.body.mesh, between.translation, turn):
@@ -65,7 +61,8 @@ class _There:
             shifts = (between.translation + depth * towards for towards in DIRECTIONS)
             if not all(mesh.crosses(other.body.mesh, shift, turn) for shift in shifts):
                 return depth
-        return math.inf
+        (low, high), (other_low, other_high) = self.bounds, other.bounds
+        return max(known, float(min((high - other_low).min(), (other_high - low).min())))
 
 
 def largest_penetration(trajectory: Trajectory) -> float:
@@ -81,7 +78,7 @@ def largest_penetration(trajectory: Trajectory) -> float:
     float
         In box units; 0 if nothing crosses. Each step is tested. FCL decides on the exact meshes
         whether two cross, and the depth is the first of `penetration.DEPTHS` by which a shift in
-        one of 26 directions separates them.
+        one of 26 directions separates them, or else the shift that separates their boxes.
     """
     cell = trajectory.cell
     surroundings = [_There(body, Motion()) for body in _surroundings(cell, trajectory)]
