@@ -112,6 +112,16 @@ def test_members_may_have_different_tasks(vectorization) -> None:
                 evaluate_batched("mine", lambda seen: seen["stage"], envs, seed=0)
 
 
+def test_the_environment_off_the_grid_is_a_vector_by_default_too() -> None:
+    with contextlib.closing(
+        make_vec("packit_sim:PackItContinuous-v0", 2, autoreset_mode="SameStep", observation="none")
+    ) as envs:
+        assert envs.metadata["autoreset_mode"].value == "SameStep"
+        assert envs.reset(seed=0)[0]["outside"].shape[0] == 2
+    with pytest.raises(ArgumentError, match="choose from 'sync', 'async'"):
+        make_vec("PackItContinuous-v0", 2, "vector_entry_point")
+
+
 def test_wrappers_and_settings_that_cannot_be_are_refused() -> None:
     for settings, message in (
         ({"member_settings": [{}]}, "member_settings are 1: give those of 2 environments"),

@@ -104,7 +104,7 @@ class PackItVectorEnv(WritableSpec, SyncVectorEnv):
 def make_vec(
     name: str,
     num_envs: int = 1,
-    vectorization_mode: Literal["vector_entry_point", "sync", "async"] = "vector_entry_point",
+    vectorization_mode: Literal["vector_entry_point", "sync", "async"] | None = None,
     *,
     autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = (),
@@ -122,9 +122,10 @@ def make_vec(
         The id, such as "PackIt-v0".
     num_envs : int
         The number of environments.
-    vectorization_mode : str
+    vectorization_mode : str, optional
         "vector_entry_point" for a `PackItVectorEnv`, "sync" for Gymnasium's `SyncVectorEnv`,
-        "async" for its `AsyncVectorEnv`: each environment in its own process.
+        "async" for its `AsyncVectorEnv`: each environment in its own process. By default the first,
+        and "sync" for PackItContinuous-v0, which has no `PackItVectorEnv`.
     autoreset_mode : str or AutoresetMode
         "NextStep": the step after the last of an episode resets, and its action is ignored;
         "SameStep": the last step resets, and `infos` has "final_obs" and "final_info"; "Disabled":
@@ -163,9 +164,14 @@ def make_vec(
     resets = tuple(mode.value for mode in AutoresetMode)
     if isinstance(autoreset_mode, AutoresetMode):
         autoreset_mode = autoreset_mode.value
-    one_of("vectorization_mode", vectorization_mode, ("vector_entry_point", "sync", "async"))
+    modes: tuple[str, ...] = ("vector_entry_point", "sync", "async")
+    spec = gym.registry.get(name.rpartition(":")[2])
+    if spec is not None and spec.vector_entry_point is None:
+        modes = modes[1:]
+    mode = vectorization_mode or modes[0]
+    one_of("vectorization_mode", mode, modes)
     one_of("autoreset_mode", autoreset_mode, resets)
-    if vectorization_mode == "vector_entry_point":
+    if mode == "vector_entry_point":
         if wrappers:
             raise ArgumentError(
                 "a PackItVectorEnv has no wrappers of single environments: choose the "
@@ -174,7 +180,7 @@ def make_vec(
         return gym.make_vec(
             name,
             num_envs,
-            vectorization_mode,
+            mode,
             autoreset_mode=autoreset_mode,
             member_settings=member_settings,
             **settings,
@@ -183,7 +189,7 @@ def make_vec(
         partial(_wrapped, name, tuple(wrappers), own)
         for own in _each(num_envs, settings, member_settings)
     ]
-    kind = SyncVectorEnv if vectorization_mode == "sync" else AsyncVectorEnv
+    kind = SyncVectorEnv if mode == "sync" else AsyncVectorEnv
     return kind(makers, autoreset_mode=autoreset_mode)
 
 
