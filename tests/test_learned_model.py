@@ -12,6 +12,7 @@ from packit_agents.learned_model.learned_box import LearnedBox
 from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.neighbourhood_search import NeighbourhoodSearch
+from packit_agents.planning.rollouts import play_on
 from packit_sim.box import Box
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import ArgumentError
@@ -149,7 +150,7 @@ def played(search, rules: Rules = PACKIT, agent: Agent = HEURISTIC) -> Episode:
     episode = Episode(tasks()[1], rules)
     search(agent, episode, np.random.default_rng(0), lambda rollouts, best: None)
     assert episode.end is not None
-    exact = Box()
+    exact = Box(episode.box.cells)
     for placed in episode.box.placed:
         exact.place(placed.item, placed.location)
     return episode
@@ -180,7 +181,24 @@ def test_ruin_and_recreate_plans_in_the_model_too() -> None:
     assert asked
 
 
-def test_the_rules_must_keep_items_on_the_grid() -> None:
+@pytest.mark.parametrize("rules", [{"kinematic": True}, {"support": 0.5}, {"boxes": 2}])
+def test_the_rules_must_be_those_that_the_model_knows(rules) -> None:
     search = ImaginedSearch(NeighbourhoodSearch(Budget(rollouts=2)), Box)
     with pytest.raises(ArgumentError, match="these are"):
-        search(HEURISTIC, Episode(tasks()[1], Rules(kinematic=True)), None, None)
+        search(HEURISTIC, Episode(tasks()[1], Rules(**rules)), None, None)
+
+
+def test_a_box_of_other_cells_is_planned_in() -> None:
+    search = ImaginedSearch(NeighbourhoodSearch(Budget(rollouts=2)), Box)
+    assert played(search, Rules(cells=(120, 80, 100))).box.cells == (120, 80, 100)
+
+
+def test_a_plan_is_played_where_it_was_planned() -> None:
+    other, planned = Agent.from_name("largest-first/first-fit/random"), []
+
+    def search(agent, episode, rng, on_progress):
+        play_on(other, episode, rng, stages=())
+        planned.extend(episode.box.placed)
+
+    found = played(ImaginedSearch(search, Box)).box.placed
+    assert set(planned) <= set(found) and len(planned) > 1

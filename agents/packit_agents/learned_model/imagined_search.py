@@ -26,10 +26,11 @@ class ImaginedSearch:
     """A search that plans with a learned model of what fits, not with the exact engine.
 
     Another search plans an episode in a `LearnedBox`, where rollouts cost no comparison of meshes.
-    Then its plan is played, item by item: the model places each shape of the plan in the box as it
-    really is, and the exact engine only decides about the move that is made. Where the model was
-    wrong about the location, the location policy chooses another one. A shape that really fits
-    nowhere, though the model placed it, ends the episode, as the rules say.
+    Then its plan is played, item by item: where the plan has it, if the model says that it is free
+    there in the box as it really is, and else where the agent's policies put it. The exact engine
+    only decides about the move that is made. Where the model was wrong about the location, the
+    location policy chooses another one. A shape that really fits nowhere, though the model placed
+    it, ends the episode, as the rules say.
 
     Parameters
     ----------
@@ -51,13 +52,13 @@ class ImaginedSearch:
         self, agent: Agent, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
     ) -> None:
         rules = episode.rules
-        if rules.moves_items or rules.kinematic:
+        if rules.moves_items or rules.kinematic or rules.support or rules.boxes > 1:
             raise ArgumentError(
-                "a search in the learned model needs the rules without physics and kinematic: "
-                f"these are {rules}"
+                "a search in the learned model needs the rules without physics, kinematic, support "
+                f"and several boxes: these are {rules}"
             )
         imagined = Episode(episode.task, rules)
-        imagined.box = self.new_box(episode.task.cells)
+        imagined.box = self.new_box(episode.box.cells)
         imagined.restore(episode.state())
         rollouts = 0
 
@@ -66,7 +67,8 @@ class ImaginedSearch:
             rollouts = number
 
         self.search(agent, imagined, rng, count)
-        plan = _shapes(imagined, imagined.box.placed[len(episode.box.placed) :])
+        planned = imagined.box.placed[len(episode.box.placed) :]
+        plan = dict(zip(_shapes(imagined, planned), planned, strict=True))
         while episode.end is None:
             imagined.restore(episode.state())
             move = _next_move(agent, imagined, rng, plan)
@@ -90,13 +92,16 @@ def _shapes(episode: Episode, placed: tuple[PlacedItem, ...]) -> list[int]:
 
 
 def _next_move(
-    agent: Agent, imagined: Episode, rng: np.random.Generator, plan: list[int]
+    agent: Agent, imagined: Episode, rng: np.random.Generator, plan: dict[int, PlacedItem]
 ) -> tuple[int, PlacedItem] | None:
     """Find the first shape, of the plan or else by the shape policy, that the model can place."""
     state = imagined.state()
     others = [shape for shape, _ in proposals(agent, imagined, rng) if shape not in plan]
     for shape in [*plan, *others]:
         if state.outside[shape]:
+            planned = plan.get(shape)
+            if planned and imagined.box.is_feasible(planned.item, planned.location):
+                return shape, planned
             if place(agent, imagined, rng, shape):
                 return shape, imagined.box.placed[-1]
             imagined.restore(state)
