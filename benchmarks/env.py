@@ -2,12 +2,14 @@
 
     .venv/bin/python -m benchmarks.env
 
-Random valid actions on the starter packs, after one warm-up episode for each task. Prints a table,
-and writes `benchmarks/results/env.json`.
+Random valid actions on the starter packs, after one warm-up episode for each task. With `--vectors`
+it measures `make_vec` instead: one environment in this process, next to environments in processes
+of their own. Prints a table, and writes `benchmarks/results/env.json` or `env_vectors.json`.
 """
 
 from __future__ import annotations
 
+import contextlib
 import time
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
@@ -17,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.common import argument_parser, machine, write_json
-from packit_sim import ShapeLibrary
+from packit_sim import ShapeLibrary, make_vec
 from packit_sim.game.envs.env import PackItEnv
 
 PAPER = 0.39
@@ -34,6 +36,15 @@ CASES: dict[str, tuple[dict[str, Any], float]] = {
     "kinematic, all three sub-tasks, features": ({"kinematic": True, "observation": "features"}, 0),
 }
 """Settings of the environment, and the aim in steps per second, 0 for none."""
+
+
+VECTORS = (0, 2, 4, 8)
+"""Numbers of processes with an environment each; 0: one environment in this process."""
+
+ROUNDS = 3
+
+WARM_UP = 10
+"""Episodes of each environment before its steps count."""
 
 
 def play_random(env: PackItEnv, rng: np.random.Generator) -> int:
@@ -58,11 +69,65 @@ def steps_a_second(settings: dict[str, Any], seconds: float, seed: int) -> tuple
     return taken / (time.perf_counter() - started), taken
 
 
+def vector_steps_a_second(processes: int, seconds: float, seed: int) -> float:
+    """Measure steps per second of a vector of environments that choose shapes by features.
+
+    Parameters
+    ----------
+    processes : int
+        The number of environments, each in a process of its own; 0: one in this process.
+    """
+    settings, _ = CASES["shape selection, features"]
+    envs = make_vec(
+        "PackIt-v0",
+        processes or 1,
+        "async" if processes else None,
+        autoreset_mode="SameStep",
+        order="cycle",
+        max_shapes=50,
+        **settings,
+    )
+    rng = np.random.default_rng(seed)
+    with contextlib.closing(envs):
+        seen, _ = envs.reset(seed=seed)
+        taken, ended, started = 0, 0, 0.0
+        while not started or time.perf_counter() - started < seconds:
+            weights = rng.random(seen["action_mask"].shape) * seen["action_mask"]
+            seen, _, over, *_ = envs.step(weights.argmax(axis=1))
+            ended += int(over.sum())
+            taken += envs.num_envs
+            if not started and ended >= WARM_UP * envs.num_envs:
+                taken, started = 0, time.perf_counter()
+        return taken / (time.perf_counter() - started)
+
+
+def measure_vectors(seconds: float, seed: int) -> dict[str, Any]:
+    """Measure one environment and several processes, in turns, and return medians of the rates."""
+    rates: dict[int, list[float]] = {processes: [] for processes in VECTORS}
+    for round_ in range(ROUNDS):
+        for processes, found in rates.items():
+            found.append(vector_steps_a_second(processes, seconds, seed + round_))
+    table = Table("environments", "steps/s", "times one")
+    result = {}
+    for processes, found in rates.items():
+        name = f"{processes} in processes" if processes else "one"
+        times = [rate / one for rate, one in zip(found, rates[0], strict=True)]
+        result[name] = {"steps/s": found, "times one": times}
+        table.add_row(name, f"{np.median(found):.0f}", f"{np.median(times):.2f}")
+    Console(width=100).print(table)
+    return result
+
+
 def main() -> None:
     parser = argument_parser(__doc__)
+    parser.add_argument("--vectors", action="store_true", help="measure make_vec instead")
     parser.add_argument("--seconds", type=float, default=10.0, help="seconds for each case")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
+    if arguments.vectors:
+        found = measure_vectors(arguments.seconds, arguments.seed)
+        write_json(arguments.out / "env_vectors.json", {"machine": machine(), **found})
+        return
     table = Table("environment", "steps/s", "aim", "2 processes", "times the paper's")
     result: dict[str, Any] = {
         "command": "python -m benchmarks.env",

@@ -5,19 +5,26 @@
         --out validation AGENTS
     .venv/bin/python -m benchmarks.learned_model train train validation --weights FILE
     .venv/bin/python -m benchmarks.learned_model accuracy TEST
+    .venv/bin/python -m benchmarks.learned_model accuracy PUZZLES --library puzzles --name puzzles
     .venv/bin/python -m benchmarks.learned_model search everyday-v1 everyday-hard --tasks 30
+    .venv/bin/python -m benchmarks.learned_model search puzzles --split '' --tasks 12 \
+        --name puzzles
 
-AGENTS are the six `--agent` of `AGENTS`. `train` writes weights, `accuracy` measures the bundled
-ones on recorded transitions and draws the errors by group, `search` plays test tasks with searches
-in the voxels alone, in the learned model and in the exact engine. Writes
-`learned_model_accuracy.json`, `learned_model_search.json` and
-`docs/images/benchmark-learned-model.png`; `search` can be resumed.
+AGENTS are the six `--agent` of `AGENTS`; PUZZLES are 30 episodes of the dataset `puzzles`, recorded
+with seed 11 as TEST, which are 60 of everyday-v1's test tasks. Own meshes are those that
+`formula_shapes.write_shapes` writes (16 of each, seed 0), in six packs of `packit generate
+--library FOLDER --packs 6 --generations 15`. `train` writes weights, `accuracy` measures the bundled
+ones (or `--weights`) on recorded transitions and draws the errors by group, `search` plays test
+tasks with searches in the voxels alone, in the learned model and in the exact engine. Writes
+`learned_model_accuracy.json`, `learned_model_search.json` (with `--name` before the suffix) and,
+without a name, `docs/images/benchmark-learned-model.png`; `search` can be resumed.
 """
 
 from __future__ import annotations
 
 import itertools
 import time
+from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -53,10 +60,14 @@ AGENTS = (
 
 BASE = "largest-first/aligned/blbf"
 
-ALONE = (BASE, "largest-fitting-first/aligned/blbf")
+ALONE = (BASE, "largest-fitting-first/aligned/blbf", "champion")
 """Agents without a search: the first ends with a shape that does not fit, the second skips it."""
 
-SEARCHES = ("lns=100", "beam=8")
+SEARCHES = (
+    *((BASE, search) for search in ("lns=100", "lns=0.5s", "beam=4", "beam=8", "backtrack=8")),
+    ("champion", "ruin-recreate=20"),
+)
+"""Agents, and how they search: budgets are rollouts, or processor seconds."""
 
 DENSITIES = (0.0, 0.2, 0.4, 1.0)
 
@@ -110,9 +121,8 @@ def _groups(shard: Transitions, own: Contacts, library: ShapeLibrary) -> Iterato
         yield f"{many} shared fine cells", (shared > low) & (shared <= high)
 
 
-def measured(network: ContactNetwork, folder: Path) -> dict[str, Any]:
-    """Measure accuracy and calibration on recorded transitions."""
-    library = ShapeLibrary.open("everyday")
+def measured(network: ContactNetwork, folder: Path, library: ShapeLibrary) -> dict[str, Any]:
+    """Measure accuracy and calibration on recorded transitions of a library's shapes."""
     groups: dict[str, list[tuple[int, int]]] = {}
     odds, exact, inside = [], [], 0
     for shard in read_transitions(folder):
@@ -159,9 +169,8 @@ def measured(network: ContactNetwork, folder: Path) -> dict[str, Any]:
     }
 
 
-def speed(network: ContactNetwork, folder: Path) -> dict[str, float]:
+def speed(network: ContactNetwork, folder: Path, library: ShapeLibrary) -> dict[str, float]:
     """Measure processor milliseconds of the masks of 24 rotations, ours and the exact ones."""
-    library = ShapeLibrary.open("everyday")
     shard = next(read_transitions(folder))
     placed = placed_items(shard, library)
     times: dict[str, list[float]] = {"learned": [], "exact": []}
@@ -229,22 +238,22 @@ def draw(result: dict[str, Any], layer: npt.NDArray[np.int64], path: Path) -> No
         ax.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
 
 
-def arms(search: str) -> list[Agent]:
+def arms(base: str, search: str) -> list[Agent]:
     """Return the agents that plan with voxels alone, the learned model and the exact engine."""
-    agent = Agent.from_name(BASE)
+    agent = Agent.from_name(base)
     alone = partial(LearnedBox, lambda box, item, at: np.zeros(len(at), dtype=bool))
     planner = load_search(search)
     return [
         replace(agent, name=f"voxels alone: {search}", search=ImaginedSearch(planner, alone)),
-        Agent.from_name(f"{BASE}+imagined={search}"),
+        Agent.from_name(f"{base}+imagined={search}"),
         replace(agent, name=f"exact engine: {search}", search=ImaginedSearch(planner, Box)),
     ]
 
 
-def search(dataset: str, split: str, tasks: int, file: Path) -> dict[str, Any]:
+def search(dataset: str, split: str | None, tasks: int, file: Path) -> dict[str, Any]:
     """Let all agents play tasks, and compare them with the agent without a search."""
     agents = [Agent.from_name(name) for name in ALONE]
-    agents += [agent for each in SEARCHES for agent in arms(each)]
+    agents += [agent for each in SEARCHES for agent in arms(*each)]
     played = evaluate(agents, load_tasks(dataset, split=split)[:tasks], seed=0, file=file)
     own = {agent.name: [each for each in played if each.agent == agent.name] for agent in agents}
     rows = {}
@@ -256,6 +265,8 @@ def search(dataset: str, split: str, tasks: int, file: Path) -> dict[str, Any]:
         }
         if n >= len(ALONE):
             perfect = list(own)[n + 2 - (n - len(ALONE)) % 3]
+            base = own[SEARCHES[(n - len(ALONE)) // 3][0]]
+            rows[name]["to own"] = _difference(rollouts, base)
             rows[name]["to perfect"] = _difference(rollouts, own[perfect])
     return {"tasks": tasks, "split": split, "rows": rows}
 
@@ -282,39 +293,54 @@ def main() -> None:
     learning.add_argument("validation", type=Path)
     learning.add_argument("--weights", type=Path, required=True)
     learning.add_argument("--seed", type=int, default=0)
-    commands.add_parser("accuracy").add_argument("transitions", type=Path)
+    accuracy = commands.add_parser("accuracy")
+    accuracy.add_argument("transitions", type=Path)
+    accuracy.add_argument("--library", default="everyday", help="library of the shapes")
+    accuracy.add_argument("--weights", type=Path, help="default: the bundled ones")
     searching = commands.add_parser("search")
     searching.add_argument("datasets", nargs="+")
-    searching.add_argument("--split", default="test")
+    searching.add_argument("--split", default="test", help="empty: the whole dataset")
     searching.add_argument("--tasks", type=int, default=30)
+    for command in (accuracy, searching):
+        command.add_argument("--name", default="", help="part of the name of the results")
     settings = parser.parse_args()
     if settings.command == "train":
         learn(settings.train, settings.validation, settings.weights, settings.seed)
     elif settings.command == "accuracy":
-        network = bundled_network()
-        result = measured(network, settings.transitions)
-        result["milliseconds of 24 masks"] = speed(network, settings.transitions)
-        write_json(settings.out / "learned_model_accuracy.json", machine() | result)
-        layer = example(network, settings.transitions)
-        draw(result, layer, plot_file(settings.out, "learned-model"))
+        weights, library = settings.weights, ShapeLibrary.open(settings.library)
+        network = ContactNetwork.read(weights) if weights else bundled_network()
+        result = measured(network, settings.transitions, library)
+        result["milliseconds of 24 masks"] = speed(network, settings.transitions, library)
+        write_json(_results(settings, "accuracy"), machine() | result)
+        if not settings.name:
+            layer = example(network, settings.transitions)
+            draw(result, layer, plot_file(settings.out, "learned-model"))
     else:
         found = {}
         for name in settings.datasets:
-            file = settings.out / f"learned_model_{name}.jsonl"
-            found[name] = search(name, settings.split, settings.tasks, file)
+            file = settings.out / f"learned_model_{Path(name).name}.jsonl"
+            found[name] = search(name, settings.split or None, settings.tasks, file)
             rows = [
                 (
                     agent,
                     _text(row["return"]),
                     *(_text(each, "+") for each in row["to no search"]),
+                    _text(row["to own"], "+") if "to own" in row else "",
                     _text(row["to perfect"], "+") if "to perfect" in row else "",
                     f"{row['seconds']:.2f}",
                 )
                 for agent, row in found[name]["rows"].items()
             ]
-            head = "agent", "return", *(f"to {each}" for each in ALONE), "to exact", "s"
+            own = "to its own agent"
+            head = "agent", "return", *(f"to {each}" for each in ALONE), own, "to exact", "s"
             print(f"{name}\n{markdown_table(head, rows)}", flush=True)
-        write_json(settings.out / "learned_model_search.json", machine() | found)
+        write_json(_results(settings, "search"), machine() | found)
+
+
+def _results(settings: Namespace, kind: str) -> Path:
+    name = f"_{settings.name}" if settings.name else ""
+    path: Path = settings.out / f"learned_model_{kind}{name}.json"
+    return path
 
 
 if __name__ == "__main__":
