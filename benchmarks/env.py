@@ -76,6 +76,11 @@ def vector_steps_a_second(processes: int, seconds: float, seed: int) -> float:
     ----------
     processes : int
         The number of environments, each in a process of its own; 0: one in this process.
+
+    Returns
+    -------
+    float
+        The rate, of all environments together, resets included.
     """
     settings, _ = CASES["shape selection, features"]
     envs = make_vec(

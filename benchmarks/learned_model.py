@@ -13,9 +13,9 @@
 AGENTS are the six `--agent` of `AGENTS`; PUZZLES are 30 episodes of the dataset `puzzles`, recorded
 with seed 11 as TEST, which are 60 of everyday-v1's test tasks. Own meshes are those that
 `formula_shapes.write_shapes` writes (16 of each, seed 0), in six packs of `packit generate
---library FOLDER --packs 6 --generations 15`. `train` writes weights, `accuracy` measures the bundled
-ones (or `--weights`) on recorded transitions and draws the errors by group, `search` plays test
-tasks with searches in the voxels alone, in the learned model and in the exact engine. Writes
+--library FOLDER --packs 6 --generations 15`. `train` writes weights, `accuracy` measures the
+bundled ones (or `--weights`) on recorded transitions and draws the errors by group, `search` plays
+test tasks with searches in the voxels alone, in the learned model and in the exact engine. Writes
 `learned_model_accuracy.json`, `learned_model_search.json` (with `--name` before the suffix) and,
 without a name, `docs/images/benchmark-learned-model.png`; `search` can be resumed.
 """
