@@ -181,6 +181,25 @@ def test_ruin_and_recreate_plans_in_the_model_too() -> None:
     assert asked
 
 
+def test_a_model_that_changes_its_mind_ends_no_search() -> None:
+    """Its answer depends on what else is in the box, and so on the order of a layout."""
+    layouts = []
+
+    def model(box, item, locations):
+        return np.full(len(locations), not layouts)
+
+    episode = Episode(tasks()[1])
+    episode.box = LearnedBox(model)
+    search = RuinAndRecreate(Budget(rollouts=1))
+    search(
+        Agent.from_name("champion"),
+        episode,
+        np.random.default_rng(0),
+        lambda rollouts, best: layouts.append(best),
+    )
+    assert episode.end is not None and 0.3 < episode.total
+
+
 @pytest.mark.parametrize("rules", [{"kinematic": True}, {"support": 0.5}, {"boxes": 2}])
 def test_the_rules_must_be_those_that_the_model_knows(rules) -> None:
     search = ImaginedSearch(NeighbourhoodSearch(Budget(rollouts=2)), Box)

@@ -111,7 +111,9 @@ class RuinAndRecreate:
             clock.rollouts += 1
             on_progress(clock.rollouts, episode.total + best.volume / volume)
         for _, placed in best.placed:
-            play_placement(episode, placed)
+            # Only a learned box may answer otherwise than before: there the order matters.
+            if episode.box.is_feasible(placed.item, placed.location):
+                play_placement(episode, placed)
         play_on(agent, episode, rng, stages=())
 
 
