@@ -49,7 +49,8 @@ nitpick_ignore_regex = [
         r"|libraries\.sources\.Source"
         r"|parts\.nesting\.balance\.Balance"
         r"|parts\.packings\.(checked_items\.CheckedItem|containers\.(Container|Measured))"
-        r"|parts\.reading\.(file_copies\.FileCopy|limits\.Limits \| .*|powder\.Powder))",
+        r"|parts\.reading\.(file_copies\.FileCopy|limits\.Limits \| .*|powder\.Powder)"
+        r"|physics\.(convex\.pieces\.Piece|settling\.FittedItem)|robot\.trajectory\.Trajectory)",
     ),
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few
