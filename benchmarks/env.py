@@ -3,8 +3,9 @@
     .venv/bin/python -m benchmarks.env
 
 Random valid actions on the starter packs, after one warm-up episode for each task. With `--vectors`
-it measures `make_vec` instead: one environment in this process, next to environments in processes
-of their own. Prints a table, and writes `benchmarks/results/env.json` or `env_vectors.json`.
+it measures `make_vec` instead: one environment in this process, next to environments in two
+processes, and in a process each. Prints a table, and writes `env.json` or `env_vectors.json` in
+`benchmarks/results`.
 """
 
 from __future__ import annotations
@@ -38,8 +39,15 @@ CASES: dict[str, tuple[dict[str, Any], float]] = {
 """Settings of the environment, and the aim in steps per second, 0 for none."""
 
 
-VECTORS = (0, 2, 4, 8)
-"""Numbers of processes with an environment each; 0: one environment in this process."""
+VECTORS: dict[str, tuple[int, dict[str, Any]]] = {
+    "one": (1, {}),
+    "8 in this process": (8, {}),
+    "8 in 2 processes": (8, {"vectorization_mode": "parallel", "workers": 2}),
+    "32 in 2 processes": (32, {"vectorization_mode": "parallel", "workers": 2}),
+    "2 in processes": (2, {"vectorization_mode": "async"}),
+    "8 in processes": (8, {"vectorization_mode": "async"}),
+}
+"""Numbers of environments, and settings of `make_vec`."""
 
 ROUNDS = 3
 
@@ -69,24 +77,20 @@ def steps_a_second(settings: dict[str, Any], seconds: float, seed: int) -> tuple
     return taken / (time.perf_counter() - started), taken
 
 
-def vector_steps_a_second(processes: int, seconds: float, seed: int) -> float:
-    """Measure steps per second of a vector of environments that choose shapes by features.
-
-    Parameters
-    ----------
-    processes : int
-        The number of environments, each in a process of its own; 0: one in this process.
+def vector_steps_a_second(name: str, seconds: float, seed: int) -> float:
+    """Measure steps per second of one of `VECTORS` whose environments choose shapes by features.
 
     Returns
     -------
     float
         The rate, of all environments together, resets included.
     """
+    count, how = VECTORS[name]
     settings, _ = CASES["shape selection, features"]
     envs = make_vec(
         "PackIt-v0",
-        processes or 1,
-        "async" if processes else None,
+        count,
+        **how,
         autoreset_mode="SameStep",
         order="cycle",
         max_shapes=50,
@@ -108,15 +112,14 @@ def vector_steps_a_second(processes: int, seconds: float, seed: int) -> float:
 
 def measure_vectors(seconds: float, seed: int) -> dict[str, Any]:
     """Measure one environment and several processes, in turns, and return medians of the rates."""
-    rates: dict[int, list[float]] = {processes: [] for processes in VECTORS}
+    rates: dict[str, list[float]] = {name: [] for name in VECTORS}
     for round_ in range(ROUNDS):
-        for processes, found in rates.items():
-            found.append(vector_steps_a_second(processes, seconds, seed + round_))
+        for name, found in rates.items():
+            found.append(vector_steps_a_second(name, seconds, seed + round_))
     table = Table("environments", "steps/s", "times one")
     result = {}
-    for processes, found in rates.items():
-        name = f"{processes} in processes" if processes else "one"
-        times = [rate / one for rate, one in zip(found, rates[0], strict=True)]
+    for name, found in rates.items():
+        times = [rate / one for rate, one in zip(found, rates["one"], strict=True)]
         result[name] = {"steps/s": found, "times one": times}
         table.add_row(name, f"{np.median(found):.0f}", f"{np.median(times):.2f}")
     Console(width=100).print(table)

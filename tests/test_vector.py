@@ -77,7 +77,13 @@ def test_a_batch_gives_the_same_rollouts_whatever_its_size() -> None:
 
 
 each_class = pytest.mark.parametrize(
-    "vectorization", ["vector_entry_point", "sync", pytest.param("async", marks=pytest.mark.slow)]
+    "vectorization",
+    [
+        "vector_entry_point",
+        "sync",
+        pytest.param("async", marks=pytest.mark.slow),
+        pytest.param("parallel", marks=pytest.mark.slow),
+    ],
 )
 NONE = {"observation": "none", "rotation": "aligned", "location": "blbf", "max_shapes": 40}
 
@@ -122,11 +128,51 @@ def test_the_environment_off_the_grid_is_a_vector_by_default_too() -> None:
         make_vec("PackItContinuous-v0", 2, "vector_entry_point")
 
 
+@pytest.mark.slow
+def test_processes_with_several_environments_play_as_one_process_does() -> None:
+    """Five environments in two processes, through ends of episodes and with final infos."""
+    settings = {**NONE, "observation": "features", "autoreset_mode": "SameStep"}
+    own = [{"order": weights} for weights in np.eye(10)[:5].tolist()]
+    rng = np.random.default_rng(0)
+    with (
+        contextlib.closing(make_vec("PackIt-v0", 5, member_settings=own, **settings)) as alone,
+        contextlib.closing(
+            make_vec("PackIt-v0", 5, "parallel", workers=2, member_settings=own, **settings)
+        ) as envs,
+    ):
+        assert envs.observation_space == alone.observation_space
+        assert envs.action_space == alone.action_space
+        found, expected = envs.reset(seed=3), alone.reset(seed=3)
+        finals = 0
+        for _ in range(40):
+            for one, other in zip(found, expected, strict=True):
+                assert equal(one, other)
+            finals += "final_obs" in found[-1]
+            mask = found[0]["action_mask"] > 0
+            actions = np.array([rng.choice(np.flatnonzero(row)) for row in mask])
+            found, expected = envs.step(actions), alone.step(actions)
+        assert finals
+        assert all(map(np.array_equal, envs.call("action_masks"), alone.call("action_masks")))
+        with pytest.raises(ValueError, match="length must match"):
+            envs.reset(seed=[1, 2])
+
+
+def equal(one: object, other: object) -> bool:
+    """Whether arrays are equal, also in mappings and lists."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        return len(one) == len(other) and all(map(equal, one, other))
+    return np.array_equal(one, other)
+
+
 def test_wrappers_and_settings_that_cannot_be_are_refused() -> None:
     for settings, message in (
         ({"member_settings": [{}]}, "member_settings are 1: give those of 2 environments"),
-        ({"wrappers": [flattened]}, "choose the vectorization_mode sync or async"),
+        ({"wrappers": [flattened]}, "choose the vectorization_mode sync, async"),
         ({"autoreset_mode": "Never"}, "choose from 'NextStep', 'SameStep', 'Disabled'"),
+        ({"vectorization_mode": "parallel", "workers": -1}, "workers -1 is not possible"),
+        ({"workers": 2}, "workers are of the vectorization_mode parallel"),
         ({"vectorization_mode": "threads"}, "choose from 'vector_entry_point', 'sync', 'async'"),
     ):
         with pytest.raises(ArgumentError, match=message):

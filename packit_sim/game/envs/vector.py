@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 
-from packit_sim.core.checks import one_of
+from packit_sim.core.checks import Range, check_range, one_of
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.parallel import ParallelVectorEnv
 from packit_sim.game.envs.specs import WritableSpec
 
 MemberSettings: TypeAlias = Sequence[Mapping[str, Any]]
@@ -104,8 +107,9 @@ class PackItVectorEnv(WritableSpec, SyncVectorEnv):
 def make_vec(
     name: str,
     num_envs: int = 1,
-    vectorization_mode: Literal["vector_entry_point", "sync", "async"] | None = None,
+    vectorization_mode: Literal["vector_entry_point", "sync", "async", "parallel"] | None = None,
     *,
+    workers: int = 0,
     autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = (),
     member_settings: MemberSettings | None = None,
@@ -124,8 +128,12 @@ def make_vec(
         The number of environments.
     vectorization_mode : str, optional
         "vector_entry_point" for a `PackItVectorEnv`, "sync" for Gymnasium's `SyncVectorEnv`,
-        "async" for its `AsyncVectorEnv`: each environment in its own process. By default the first,
-        and "sync" for PackItContinuous-v0, which has no `PackItVectorEnv`.
+        "async" for its `AsyncVectorEnv`: each environment in its own process; "parallel" for a few
+        processes with several environments each, which is the fastest where there are more
+        environments than cores. By default the first, and "sync" for PackItContinuous-v0, which has
+        no `PackItVectorEnv`.
+    workers : int
+        The number of processes of "parallel"; 0: one for each core.
     autoreset_mode : str or AutoresetMode
         "NextStep": the step after the last of an episode resets, and its action is ignored;
         "SameStep": the last step resets, and `infos` has "final_obs" and "final_info"; "Disabled":
@@ -164,18 +172,21 @@ def make_vec(
     resets = tuple(mode.value for mode in AutoresetMode)
     if isinstance(autoreset_mode, AutoresetMode):
         autoreset_mode = autoreset_mode.value
-    modes: tuple[str, ...] = ("vector_entry_point", "sync", "async")
+    modes: tuple[str, ...] = ("vector_entry_point", "sync", "async", "parallel")
     spec = gym.registry.get(name.rpartition(":")[2])
     if spec is not None and spec.vector_entry_point is None:
         modes = modes[1:]
     mode = vectorization_mode or modes[0]
     one_of("vectorization_mode", mode, modes)
     one_of("autoreset_mode", autoreset_mode, resets)
+    check_range("workers", workers, Range(0, 1024))
+    if workers and mode != "parallel":
+        raise ArgumentError(f"workers are of the vectorization_mode parallel, not of {mode}")
     if mode == "vector_entry_point":
         if wrappers:
             raise ArgumentError(
                 "a PackItVectorEnv has no wrappers of single environments: choose the "
-                "vectorization_mode sync or async"
+                "vectorization_mode sync, async or parallel"
             )
         return gym.make_vec(
             name,
@@ -185,10 +196,12 @@ def make_vec(
             member_settings=member_settings,
             **settings,
         )
-    makers = [
-        partial(_wrapped, name, tuple(wrappers), own)
-        for own in _each(num_envs, settings, member_settings)
-    ]
+    each = _each(num_envs, settings, member_settings)
+    if mode == "parallel":
+        return _parallel(
+            name, each, workers or os.cpu_count() or 1, autoreset_mode, tuple(wrappers)
+        )
+    makers = [partial(_wrapped, name, tuple(wrappers), own) for own in each]
     kind = SyncVectorEnv if mode == "sync" else AsyncVectorEnv
     return kind(makers, autoreset_mode=autoreset_mode)
 
@@ -204,6 +217,41 @@ def _each(
             f"member_settings are {len(member_settings)}: give those of {num_envs} environments"
         )
     return [{**settings, **own} for own in member_settings]
+
+
+def _parallel(
+    name: str,
+    settings: Sequence[dict[str, Any]],
+    workers: int,
+    autoreset_mode: str,
+    wrappers: tuple[Callable[..., Any], ...],
+) -> ParallelVectorEnv:
+    """Create environments with these settings in processes, as many in each as in the others."""
+    shares = np.array_split(np.arange(len(settings)), min(workers, len(settings)))
+    own = [[settings[n] for n in share.tolist()] for share in shares]
+    makers = [partial(_of_process, name, each, autoreset_mode, wrappers) for each in own]
+    example = _wrapped(name, wrappers, settings[0])
+    try:
+        return ParallelVectorEnv(makers, [len(each) for each in own], example, autoreset_mode)
+    finally:
+        example.close()
+
+
+def _of_process(
+    name: str,
+    settings: Sequence[dict[str, Any]],
+    autoreset_mode: str,
+    wrappers: tuple[Callable[..., Any], ...],
+) -> VectorEnv[Any, Any, Any]:
+    """Create the environments of a process, which share tasks where they can."""
+    return make_vec(
+        name,
+        len(settings),
+        "sync" if wrappers else None,
+        autoreset_mode=autoreset_mode,
+        wrappers=wrappers,
+        member_settings=settings,
+    )
 
 
 def _wrapped(name: str, wrappers: Sequence[Callable[..., Any]], settings: dict[str, Any]) -> Any:
