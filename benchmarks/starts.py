@@ -9,8 +9,9 @@ Instructions are counted by Valgrind's callgrind, where it is installed; two cou
 than a thousandth.
 Modules are those that were executed, by `-X importtime`, together with Python's own. Of the help of
 each other command, a third as many runs are measured. `--code` measures the code in another folder,
-without those. Writes `benchmarks/results/starts.json` and the table of
-`docs/benchmarks/speed.md`.
+without those; if its entry points are not the installed ones, the `.dist-info` of its wheel must be
+in that folder. Instructions come last, and each count is stored when it is known. Writes
+`benchmarks/results/starts.json` and the table of `docs/benchmarks/speed.md`.
 """
 
 from __future__ import annotations
@@ -60,38 +61,36 @@ CALLGRIND = ("valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null")
 """Runs a command, and prints the number of its instructions to stderr."""
 
 
-def measure(words: list[str], code: Path, runs: int, counted: bool = True) -> dict[str, Any]:
-    """Run a command several times, and once to count its instructions.
-
-    Returns
-    -------
-    dict
-        The processor seconds of each run, the number of modules, and the number of instructions,
-        or None without Valgrind.
-    """
+def run(
+    words: list[str], code: Path, options: Sequence[str] = (), within: Sequence[str] = ()
+) -> str:
+    """Run a command of the code in a fresh process, and return what it printed to stderr."""
     env = {**os.environ, "PYTHONPATH": f"{code}{os.pathsep}{code / 'agents'}"}
     env.pop("PYTHONDONTWRITEBYTECODE", None)
+    command = [*within, sys.executable, *options, "-m", "packit_sim", *words]
+    return subprocess.run(
+        command, cwd=code, env=env, capture_output=True, text=True, check=True
+    ).stderr
 
-    def run(*options: str, within: Sequence[str] = ()) -> str:
-        command = [*within, sys.executable, *options, "-m", "packit_sim", *words]
-        return subprocess.run(
-            command, cwd=code, env=env, capture_output=True, text=True, check=True
-        ).stderr
 
-    modules = run("-X", "importtime").count("\nimport time:")
+def measure(words: list[str], code: Path, runs: int) -> dict[str, Any]:
+    """Run a command several times, and return its processor seconds and its number of modules."""
+    modules = run(words, code, ("-X", "importtime")).count("\nimport time:")
     seconds = []
     for _ in range(runs):
         before = os.times()
-        run()
+        run(words, code)
         after = os.times()
         used = sum(after[2:4]) - sum(before[2:4])
         seconds.append(round(used, 3))
-    instructions = None
-    if counted and shutil.which(CALLGRIND[0]):
-        collected = re.search(r"Collected : (\d+)", run(within=CALLGRIND))
-        assert collected is not None
-        instructions = int(collected[1])
-    return {"processor": seconds, "modules": modules, "instructions": instructions}
+    return {"processor": seconds, "modules": modules}
+
+
+def count(words: list[str], code: Path) -> int:
+    """Count the instructions of a command."""
+    collected = re.search(r"Collected : (\d+)", run(words, code, within=CALLGRIND))
+    assert collected is not None
+    return int(collected[1])
 
 
 def every_help(group: Any = None, name: str = "") -> list[str]:
@@ -148,16 +147,19 @@ def main() -> None:
     }
     if code == Path.cwd():
         few = -(-arguments.runs // 3)
-        helps = {
-            each: measure(each.split(), code, few, counted=False)["processor"]
-            for each in every_help()
-        }
+        helps = {each: measure(each.split(), code, few)["processor"] for each in every_help()}
     head = {"command": "python -m benchmarks.starts", "machine": machine()}
-    write_json(file, {**head, "labels": labels, "helps": helps})
-    found = text(labels, helps)
-    if arguments.out == RESULTS:
-        write_into_page(PAGE, found, BLOCK)
-    print(found)
+
+    def store() -> None:
+        write_json(file, {**head, "labels": labels, "helps": helps})
+        if arguments.out == RESULTS:
+            write_into_page(PAGE, text(labels, helps), BLOCK)
+
+    store()
+    for command in COMMANDS if shutil.which(CALLGRIND[0]) else ():
+        labels[arguments.label][command]["instructions"] = count(command.split(), code)
+        store()
+    print(text(labels, helps))
 
 
 if __name__ == "__main__":
