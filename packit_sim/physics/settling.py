@@ -246,6 +246,11 @@ def fitted_items(items: Sequence[ItemInBox], settings: PhysicsSettings) -> Fitte
     ----------
     settings : PhysicsSettings
         The decomposition, and whether pieces are cut.
+
+    Returns
+    -------
+    FittedItems
+        The pieces of each item, in box units.
     """
     whole = _whole(items, settings)
     if not items or not settings.fitted:

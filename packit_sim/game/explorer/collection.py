@@ -227,6 +227,11 @@ class PackCollection:
     def trajectory(self, number: int) -> Trajectory:
         """Read the trajectory of the arm that packed a box (see `PackView.has_arm`).
 
+        Returns
+        -------
+        Trajectory
+            What the arm and the items did.
+
         Raises
         ------
         PackFormatError
