@@ -237,7 +237,7 @@ def test_what_the_values_are_not_for_is_refused(tmp_path) -> None:
         policy(Episode(task(0), replace(ONLINE, rotations="all")), rng)
     with pytest.raises(ArgumentError, match="a box of 20 x 20 x 20 cells, not of 24 x 20 x 20"):
         policy(Episode(task(0), replace(ONLINE, cells=(24, 20, 20))), rng)
-    with pytest.raises(ArgumentError, match="no polycube whose cubes are a grid step wide"):
+    with pytest.raises(ArgumentError, match="need polycubes whose cubes are a grid step wide"):
         policy(Episode(load_tasks("starter")[0], replace(ONLINE, cells=CELLS)), rng)
     bar = Item(Shape.from_mesh(creation.box((0.0398, 0.0398, 0.0798)), "bar"), 0.0976**3)
     with pytest.raises(ArgumentError, match="'bar' is none of the 8"):
