@@ -129,8 +129,8 @@ def make_vec(
     vectorization_mode : str, optional
         "vector_entry_point" for a `PackItVectorEnv`, "sync" for Gymnasium's `SyncVectorEnv`,
         "async" for its `AsyncVectorEnv`: each environment in its own process; "parallel" for a few
-        processes with several environments each, which is the fastest where there are more
-        environments than cores. By default the first, and "sync" for PackItContinuous-v0, which has
+        processes with several environments each, which pays with some 30 of them and more, or where
+        steps are slow. By default the first, and "sync" for PackItContinuous-v0, which has
         no `PackItVectorEnv`.
     workers : int
         The number of processes of "parallel"; 0: one for each core.
