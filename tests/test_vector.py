@@ -153,7 +153,7 @@ def test_processes_with_several_environments_play_as_one_process_does() -> None:
             found, expected = envs.step(actions), alone.step(actions)
         assert finals
         assert all(map(np.array_equal, envs.call("action_masks"), alone.call("action_masks")))
-        with pytest.raises(ValueError, match="length must match"):
+        with pytest.raises(ArgumentError, match="2 seeds are given for 5 environments"):
             envs.reset(seed=[1, 2])
 
 

@@ -19,7 +19,7 @@ from gymnasium.vector.utils import (
     read_from_shared_memory,
 )
 
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import ArgumentError, PackItError
 
 Observations = Any
 """A batch of observations: an array, or a mapping of arrays."""
@@ -88,6 +88,8 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
         """Reset all environments, or those of `options["reset_mask"]`."""
         if seed is None or isinstance(seed, int):
             seed = [None if seed is None else seed + n for n in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ArgumentError(f"{len(seed)} seeds are given for {self.num_envs} environments")
         asked: list[Any] = []
         for rows in self._rows:
             own = dict(options or {})
