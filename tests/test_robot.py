@@ -48,6 +48,7 @@ from packit_sim.robot.motion import straight
 from packit_sim.robot.panda import panda_model
 from packit_sim.robot.paths import find_path
 from packit_sim.robot.presentation import turn_at_pick
+from packit_sim.robot.recording import Recording
 from packit_sim.robot.robot_box import RobotBox
 from packit_sim.robot.trajectory import Trajectory
 from packit_sim.robot.world import ArmWorld
@@ -370,8 +371,13 @@ def test_the_panda_keeps_its_limits_and_its_tool_vertical(panda: RobotBox) -> No
         assert np.linalg.norm(moved, axis=1).max() < 50 * panda.cell.world.step * 1.01
 
 
-def test_a_film_of_the_panda_shows_its_base(panda: RobotBox) -> None:
-    trajectory = Trajectory.of(panda.cell, CELLS, panda.placed)
+@pytest.mark.parametrize("is_first_moved", [True, False])
+def test_a_film_of_the_panda_shows_its_base(panda: RobotBox, is_first_moved: bool) -> None:
+    first, *others = panda.placed
+    if not is_first_moved:
+        still = Recording(np.empty((0, panda.cell.joints)))
+        first = replace(first, outcome=Outcome.NO_PATH, recording=still)
+    trajectory = Trajectory.of(panda.cell, CELLS, [first, *others])
     _, frames = robot_films.executing(trajectory, fps=1)
     _, layout = next(frames)
     base = arm_of(panda.cell, CELLS).base.translation / panda.cell.edge

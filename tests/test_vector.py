@@ -1,12 +1,13 @@
 """Vectorised environments: synchronous, in processes, and sharing caches."""
 
 import contextlib
+import multiprocessing
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.envs.vector import PackItVectorEnv, make_vec
@@ -155,10 +156,15 @@ def test_processes_with_several_environments_play_as_one_process_does() -> None:
         assert all(map(np.array_equal, envs.call("action_masks"), alone.call("action_masks")))
         with pytest.raises(ArgumentError, match="2 seeds are given for 5 environments"):
             envs.reset(seed=[1, 2])
+        for process in multiprocessing.active_children():
+            process.kill()
+            process.join()
+        with pytest.raises(PackItError, match="ended with exit code -9"):
+            envs.step(actions)
 
 
 def equal(one: object, other: object) -> bool:
-    """Whether arrays are equal, also in mappings and lists."""
+    """Compare arrays, also those in mappings and in arrays of objects."""
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
     if isinstance(one, np.ndarray) and one.dtype == object:

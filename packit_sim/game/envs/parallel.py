@@ -60,6 +60,7 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
         self.single_action_space = example.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._counts = tuple(counts)
         self._rows = [
             slice(end - count, end) for end, count in zip(accumulate(counts), counts, strict=True)
         ]
@@ -100,14 +101,14 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
                     continue
             asked.append({"seed": list(seed[rows]), "options": own or None})
         infos = self._ask("reset", asked)
-        return self._observations(), self._joined(infos)
+        return self._observations(), _joined(infos, self._counts)
 
     def step(self, actions: Any) -> tuple[Observations, Any, Any, Any, dict[str, Any]]:
         """Take a step in each environment."""
         found = self._ask("step", [np.asarray(actions)[rows] for rows in self._rows])
         rewards, terminated, truncated, infos = zip(*found, strict=True)
         arrays = (np.concatenate(each) for each in (rewards, terminated, truncated))
-        return self._observations(), *arrays, self._joined(infos)
+        return self._observations(), *arrays, _joined(infos, self._counts)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of each environment, or read an attribute."""
@@ -138,7 +139,8 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
     def _ask(self, command: str, values: Sequence[Any]) -> list[Any]:
         """Send a command to each process, and return the answers; raise the first error."""
         for pipe, value in zip(self._pipes, values, strict=True):
-            pipe.send((command, value))
+            with contextlib.suppress(OSError):  # a process that has ended does not answer either
+                pipe.send((command, value))
         found, errors = [], []
         for process, pipe in zip(self._processes, self._pipes, strict=True):
             try:
@@ -157,9 +159,6 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
     def _observations(self) -> Observations:
         """Return a copy of the observations."""
         return _each(np.copy, self._seen)
-
-    def _joined(self, infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
-        return _joined(infos, [rows.stop - rows.start for rows in self._rows])
 
 
 def _each(function: Callable[..., Any], *batches: Any) -> Any:
