@@ -2,14 +2,17 @@
 
 import gzip
 import json
+import math
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
+import numpy as np
 import pytest
-from trimesh import creation
+from trimesh import creation, transformations
 
 pytest.importorskip("matplotlib")
-from benchmarks.nesting import ablations, cases, report
+from benchmarks.nesting import ablations, cases, records, report
 from benchmarks.nesting.__main__ import main
 from benchmarks.nesting.cases import CASES, Case, names
 from benchmarks.nesting.runs import Results, Search, run_all
@@ -17,8 +20,10 @@ from packit_sim import NestSettings, nest
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.instance_names import BUILTIN_NAMES
-from packit_sim.parts.packings.instances import write_instance
+from packit_sim.parts.packings.instances import write_instance, write_solution
 from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
 
 
 @pytest.fixture(name="small")
@@ -52,8 +57,10 @@ def test_results_are_stored_once_verified_and_tabulated(
     assert results.read() == stored and capsys.readouterr().out.count("done before") == 2
     report.write_report(stored, tmp_path, tmp_path)
     page = (tmp_path / "nesting.md").read_text()
-    row = "| `four cubes` | fixed | 1.00 (2) | 1.00 | - | 2.00 | 1.00 | 1.50 | 0.500 | - | yes |"
-    assert row in page and (tmp_path / "nesting.png").stat().st_size > 0
+    assert (
+        "| `four cubes` | 4 | fixed | 1.00 (2) | 1.000 | - | - | 1.00 | 1.00 | - | 2.00 |" in page
+    )
+    assert (tmp_path / "nesting.png").stat().st_size > 0
     assert "*four cubes, fixed: height 1.00*" in page
     assert (tmp_path / "nesting-literature-four cubes.png").stat().st_size > 1000
 
@@ -75,7 +82,7 @@ def test_a_packing_that_was_changed_is_found(small, tmp_path) -> None:
 
 
 def test_the_cases_are_those_that_others_packed() -> None:
-    assert len(names("literature", None)) == 10 and len(names("strips", None)) == 6
+    assert len(names("literature", None)) == 14 and len(names("strips", None)) == 6
     case = cases.strips("0", "cube", None)
     assert sum(each.volume for each in case.types) == pytest.approx(1.148, abs=5e-4)
     assert cases.published()["Liu et al. 2015/Experiment1", "axis-8"]["sparrow-3d, 60 s"] == 24.35
@@ -146,3 +153,61 @@ def test_a_variant_of_the_search_is_measured_once(
     ablations.measure(ablations.WHOLE, 1.0, [0], 1, tmp_path)
     report.write_report({}, tmp_path)
     assert f"| {variant} | 1.00 (1) | 1.000 |" in (tmp_path / "nesting.md").read_text()
+
+
+def test_a_record_is_checked_by_its_file_and_the_instance(tmp_path) -> None:
+    folder = literatures(tmp_path)
+    name = "Stoyan et al. 2005/Example1"
+    case = cases.literature(name, "fixed", folder)
+    placements = []
+    for x, y in ((0.5, 0.5), (1.5, 0.5), (0.5, 1.5), (1.5, 1.5)):
+        placements.append(Placement.from_matrix(0, transformations.translation_matrix((x, y, 0.5))))
+    file = tmp_path / "Stoyan-et-al-2005-Example1-fixed.json"
+    write_solution(Packing(case.types, case.container, tuple(placements)), file, f"{name}.json")
+    assert records.problems(file, folder) == []
+    good = json.loads(file.read_text())
+
+    def changed(matrix: Any) -> list[str]:
+        content = json.loads(json.dumps(good))
+        content["items"][0]["transformation"]["matrix"] = np.transpose(matrix).tolist()
+        file.write_text(json.dumps(content))
+        return records.problems(file, folder)
+
+    def problems_at(x: float, y: float, z: float) -> list[str]:
+        return changed(transformations.translation_matrix((x, y, z)))
+
+    assert problems_at(0.5, 0.5, 0.5) == []
+    assert any("overlaps" in text for text in problems_at(0.51, 0.5, 0.5))
+    assert any("overlaps" in text for text in problems_at(1.5, 0.5, 0.5))
+    assert any("leaves the base" in text for text in problems_at(0.49, 0.5, 0.5))
+    assert problems_at(0.5, 0.5, 0.6) == ["the height is 1.1, not 1.0"]
+    slanted = transformations.euler_matrix(0, 0, math.pi / 2)
+    slanted[:3, 3] = 0.5
+    assert changed(slanted) == ["item 0 (cube.obj) has a rotation that is not of fixed"]
+    for count, problem in ((3, "1 of cube.obj are missing"), (5, "item 4 (cube.obj) is not one")):
+        file.write_text(json.dumps({**good, "items": (2 * good["items"])[:count]}))
+        assert any(problem in text for text in records.problems(file, folder))
+
+
+def test_a_body_inside_another_one_is_found() -> None:
+    boxes = [creation.box((side, side, side)) for side in (3, 1)]
+    types = [ItemType(str(n), box.vertices, box.faces) for n, box in enumerate(boxes)]
+    bodies = [(each.name, each.vertices, each) for each in types]
+    assert records._conflicts(bodies, 1e-4) == ["0 and 1 are one inside the other"]
+
+
+def test_only_heights_below_the_best_published_are_records(tmp_path) -> None:
+    folder = literatures(tmp_path)
+    results = Results(tmp_path, folder)
+    searches = [Search("literature", "Stoyan et al. 2005/Example1", "fixed", 0, 1)]
+    run_all(searches, results, workers=1)
+    records.write_records(results, tmp_path / "records")
+    (file,) = (tmp_path / "records").iterdir()
+    assert records.problems(file, folder) == []
+    stored = json.loads(results.file.read_text())
+    for run in stored["runs"].values():
+        run["score"] = 17.46
+    results.file.write_text(json.dumps(stored))
+    file.unlink()
+    records.write_records(results, tmp_path / "records")
+    assert not list((tmp_path / "records").iterdir())

@@ -1,7 +1,7 @@
 """Measure `packit_sim.nest`: strips of the literature and our own, tasks in a strip or box, bins.
 
     .venv/bin/python -m benchmarks.nesting builtin --seconds 10
-    .venv/bin/python -m benchmarks.nesting literature --data ../shared/esicup --rotations fixed
+    .venv/bin/python -m benchmarks.nesting literature --data ../shared/esicup --rotations published
     .venv/bin/python -m benchmarks.nesting strips --rotations cube axis-4
     .venv/bin/python -m benchmarks.nesting knapsacks
     .venv/bin/python -m benchmarks.nesting bins
@@ -16,8 +16,9 @@ instances, and `--verify` leaves out the packings of the literature's.
 
 Each result is written to `benchmarks/results/nesting.json` at once, and its packing to a file in
 `benchmarks/results/nesting/`: what has a result is not searched again. `--rotations axis` stands
-for the set that others used: axis-4, for Liu's instance axis-8. `--verify` checks all packings
-again by their meshes. `--table` writes `docs/benchmarks/nesting.md` and its picture.
+for the set that others used: axis-4, for Liu's instance axis-8; `--rotations published` for all for
+which others published a height of an instance. `--verify` checks all packings again by their
+meshes. `--table` writes `docs/benchmarks/nesting.md` and its picture.
 """
 
 from __future__ import annotations
@@ -26,12 +27,15 @@ import sys
 from pathlib import Path
 
 from benchmarks.common import argument_parser
-from benchmarks.nesting.cases import CASES, DATA_HELP, names, needs_data
+from benchmarks.nesting.cases import CASES, DATA_HELP, names, needs_data, published
 from benchmarks.nesting.report import write_report
 from benchmarks.nesting.runs import Results, Search, run_all
 
 AXIS = "axis"
 """Stands for the `axis-n` of the literature."""
+
+PUBLISHED = "published"
+"""Stands for all rotation sets for which others published a height of an instance."""
 
 
 def main() -> None:
@@ -57,11 +61,12 @@ def main() -> None:
         if arguments.data is None and any(needs_data(arguments.kind, name) for name in chosen):
             parser.error(f"{arguments.kind} needs --data: {DATA_HELP}")
         searches = [
-            Search(arguments.kind, name, _rotations(name, rotations), seed, seconds)
+            Search(arguments.kind, name, rotations, seed, seconds)
             for seconds in arguments.seconds
-            for rotations in arguments.rotations
+            for asked in arguments.rotations
             for seed in arguments.seeds
             for name in chosen
+            for rotations in _rotation_sets(name, asked)
         ]
         run_all(searches, results, arguments.workers)
     if arguments.verify:
@@ -79,10 +84,13 @@ def main() -> None:
         write_report(results.read(), arguments.out, arguments.data)
 
 
-def _rotations(name: str, rotations: str) -> str:
-    if rotations != AXIS:
-        return rotations
-    return "axis-8" if name.startswith("Liu") else "axis-4"
+def _rotation_sets(name: str, asked: str) -> list[str]:
+    """Return the rotation sets that are asked for by name."""
+    if asked == PUBLISHED:
+        return [rotations for each, rotations in published() if each == name]
+    if asked == AXIS:
+        return ["axis-8" if name.startswith("Liu") else "axis-4"]
+    return [asked]
 
 
 if __name__ == "__main__":

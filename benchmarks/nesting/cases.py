@@ -96,6 +96,7 @@ def published() -> dict[tuple[str, str], dict[str, float]]:
         found[key] = {
             "sparrow-3d, 60 s": float(row["sparrow3d_60s_2cores"] or math.nan),
             "sparrow-3d, 10 min": float(row["mean_10min"]),
+            "sparrow-3d, best of 15": float(row["best_10min"]),
             "record before": float(row["record_before"]),
         }
     return found
@@ -114,11 +115,16 @@ def needs_data(kind: str, name: str) -> bool:
 def literature(name: str, rotations: str, data: Path | None) -> Case:
     """Read an instance of the literature; for `cube` and `free`, others have `axis-n`."""
     types, container = _instance(name, rotations, data)
-    known = {own: heights for (each, own), heights in published().items() if each == name}
-    others = known.get(rotations, {})
-    if rotations in ("cube", "free"):
-        others = next(known[own] for own in ("axis-8", "axis-4", "fixed") if own in known)
+    others = heights_of_others(name, rotations)
     return Case("literature", name, rotations, types, container, "strip", others)
+
+
+def heights_of_others(name: str, rotations: str) -> dict[str, float]:
+    """Return the published heights of an instance by their names, if there are any."""
+    known = {own: heights for (each, own), heights in published().items() if each == name}
+    if known and rotations in ("cube", "free"):
+        return next(known[own] for own in ("axis-8", "axis-4", "fixed") if own in known)
+    return known.get(rotations, {})
 
 
 def builtin(name: str, rotations: str, data: Path | None) -> Case:
