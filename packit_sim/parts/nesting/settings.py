@@ -87,8 +87,9 @@ class SearchSettings:
         Minimum number of items that are searched for alone.
     first_levels : float
         Share of the search after which all items are searched for, at the latest.
-    shrink, least_shrink : float
-        Largest and smallest share by which a strip shrinks at a time.
+    shrink, early_shrink, least_shrink : float
+        Largest share by which a strip shrinks at a time, and the smallest ones: early in the search
+        with all items, falling with the time that is left, and at its end.
     shrink_growth, shrink_decay : float
         Factors of that share after a success and after a failure.
     restart_probability : float
@@ -169,6 +170,7 @@ class SearchSettings:
     first_items: int = 6
     first_levels: float = 0.2
     shrink: float = 0.04
+    early_shrink: float = 0.01
     least_shrink: float = 0.0002
     shrink_growth: float = 1.1
     shrink_decay: float = 0.7

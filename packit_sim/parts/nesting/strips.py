@@ -86,7 +86,7 @@ class StripSearch(NestSearch):
         else:
             self._failed = attempt.least
             if self._has_space:
-                self._shrink = max(self._shrink * settings.shrink_decay, settings.least_shrink)
+                self._shrink = max(self._shrink * settings.shrink_decay, self._least_shrink)
             else:
                 self._target *= 1 + self._more_space
                 self._more_space *= 2
@@ -130,6 +130,17 @@ class StripSearch(NestSearch):
     @property
     def _is_precise(self) -> bool:
         return super()._is_precise and self._has_space
+
+    @property
+    def _least_shrink(self) -> float:
+        """The smallest share by which the strip shrinks: small steps are for the end.
+
+        An attempt at a hardly lower strip fails nearly as often as one at a strip that is lower by
+        1%, and what it gains is less.
+        """
+        settings, budget = self._task.settings, self._budget
+        left = 1 - budget.progress if self._has_all and budget is not None else 0.0
+        return max(settings.least_shrink, settings.early_shrink * left)
 
     def _boxes(self, height: float) -> Floats:
         x, y, _ = self._task.size
