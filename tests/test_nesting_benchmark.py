@@ -201,7 +201,7 @@ def test_only_heights_below_the_best_published_are_records(tmp_path) -> None:
     results = Results(tmp_path, folder)
     searches = [Search("literature", "Stoyan et al. 2005/Example1", "fixed", 0, 1)]
     run_all(searches, results, workers=1)
-    records.write_records(results, tmp_path / "records")
+    records.write_records(results, tmp_path / "records", folder)
     (file,) = (tmp_path / "records").iterdir()
     assert records.problems(file, folder) == []
     stored = json.loads(results.file.read_text())
@@ -209,5 +209,5 @@ def test_only_heights_below_the_best_published_are_records(tmp_path) -> None:
         run["score"] = 17.46
     results.file.write_text(json.dumps(stored))
     file.unlink()
-    records.write_records(results, tmp_path / "records")
+    records.write_records(results, tmp_path / "records", folder)
     assert not list((tmp_path / "records").iterdir())

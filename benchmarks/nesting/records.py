@@ -20,6 +20,7 @@ import json
 import math
 import re
 import sys
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ import numpy as np
 
 from benchmarks.common import argument_parser
 from benchmarks.nesting.cases import DATA_HELP, heights_of_others
-from benchmarks.nesting.report import BELOW
+from benchmarks.nesting.report import BELOW, MORE_ROTATIONS
 from benchmarks.nesting.runs import Results, Search
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.packings.instances import read_instance, write_solution
@@ -54,7 +55,7 @@ def main() -> None:
     parser.add_argument("--records", type=Path, default=FOLDER, help="folder of the records")
     options = parser.parse_args()
     if not options.check:
-        write_records(Results(options.out, options.data), options.records)
+        write_records(Results(options.out, options.data), options.records, options.data)
         return
     files = sorted(options.records.glob("*.json"))
     found = {file.name: problems(file, options.data) for file in files}
@@ -65,23 +66,31 @@ def main() -> None:
         sys.exit(1)
 
 
-def write_records(results: Results, folder: Path) -> None:
-    """Write the lowest packing of each row of the literature that is below the best of others."""
-    lowest: dict[tuple[str, str], dict[str, Any]] = {}
+def write_records(results: Results, folder: Path, data: Path) -> None:
+    """Write the lowest packing of each row of the literature that is below the best of others.
+
+    Where items of a packing overlap by more than `TOLERANCE`, at the tip of an edge, say, which
+    moves by more than its faces when they are drawn in, the next higher packing is tried.
+    """
+    rows: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for run in results.read().values():
-        row = run["name"], run["rotations"]
-        if run["kind"] != "literature" or run["rotations"] in ("cube", "free"):
-            continue
-        if row not in lowest or run["score"] < lowest[row]["score"]:
-            lowest[row] = run
+        if run["kind"] == "literature" and run["rotations"] not in MORE_ROTATIONS:
+            rows[run["name"], run["rotations"]].append(run)
     folder.mkdir(parents=True, exist_ok=True)
-    for (name, rotations), run in lowest.items():
+    for (name, rotations), runs in sorted(rows.items()):
         best = heights_of_others(name, rotations).get("sparrow-3d, best of 15", -math.inf)
-        if run["score"] < best - BELOW:
+        file = folder / (re.sub(r"[^A-Za-z0-9-]+", "-", f"{name} {rotations}") + ".json")
+        for run in sorted(runs, key=lambda each: float(each["score"])):
+            if run["score"] >= best - BELOW:
+                break
             packing = results.packing(Search.of(run))
-            file = folder / (re.sub(r"[^A-Za-z0-9-]+", "-", f"{name} {rotations}") + ".json")
             write_solution(packing, file, f"{name}.json")
+            if found := problems(file, data):
+                print(f"{file.name}: {packing.height:.4f} is left out: {'; '.join(found)}")
+                file.unlink()
+                continue
             print(f"{file.name}: {packing.height:.4f}, {best:g} published")
+            break
 
 
 def problems(file: Path, data: Path) -> list[str]:
