@@ -11,7 +11,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.vector.utils import (
     CloudpickleWrapper,
     batch_space,
@@ -48,7 +48,7 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
 
     def __init__(
         self,
-        makers: Sequence[Callable[[], VectorEnv[Any, Any, Any]]],
+        makers: Sequence[Callable[[], SyncVectorEnv]],
         counts: Sequence[int],
         example: gym.Env[Any, Any],
         autoreset_mode: str = "NextStep",
@@ -189,7 +189,7 @@ def _joined(infos: Sequence[dict[str, Any]], counts: Sequence[int]) -> dict[str,
 
 
 def _serve(
-    maker: Callable[[], VectorEnv[Any, Any, Any]],
+    maker: Callable[[], SyncVectorEnv],
     pipe: Connection,
     space: gym.Space[Any],
     memory: Any,
@@ -200,6 +200,9 @@ def _serve(
     seen = read_from_shared_memory(space, memory, total)
     try:
         envs = maker()
+        # Gymnasium then joins observations in the shared memory, and copies them nowhere else.
+        envs.copy = False
+        envs._observations = _each(lambda batch: batch[rows], seen)
     except Exception as error:
         pipe.recv()
         pipe.send((None, error))
@@ -210,7 +213,7 @@ def _serve(
             if command == "close":
                 return
             try:
-                pipe.send((_answer(envs, command, value, seen, rows), None))
+                pipe.send((_answer(envs, command, value), None))
             except Exception as error:
                 pipe.send((None, error))
     except (EOFError, KeyboardInterrupt):
@@ -219,24 +222,13 @@ def _serve(
         envs.close()
 
 
-def _answer(
-    envs: VectorEnv[Any, Any, Any], command: str, value: Any, seen: Observations, rows: slice
-) -> Any:
+def _answer(envs: SyncVectorEnv, command: str, value: Any) -> Any:
     if command == "call":
         name, args, kwargs = value
-        return envs.call(name, *args, **kwargs)  # type: ignore[attr-defined] # of both classes
+        return envs.call(name, *args, **kwargs)
     if command == "set_attr":
-        return envs.set_attr(*value)  # type: ignore[attr-defined] # of both classes
-    answer: Any
+        return envs.set_attr(*value)
     if command == "step":
-        now, *answer = envs.step(value)
-    elif value is None:
-        return {}
-    else:
-        now, answer = envs.reset(**value)
-
-    def store(shared: Any, own: Any) -> None:
-        shared[rows] = own
-
-    _each(store, seen, now)
-    return answer
+        _, *answer = envs.step(value)
+        return answer
+    return {} if value is None else envs.reset(**value)[1]

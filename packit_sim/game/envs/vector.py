@@ -242,9 +242,9 @@ def _of_process(
     settings: Sequence[dict[str, Any]],
     autoreset_mode: str,
     wrappers: tuple[Callable[..., Any], ...],
-) -> VectorEnv[Any, Any, Any]:
+) -> SyncVectorEnv:
     """Create the environments of a process, which share tasks where they can."""
-    return make_vec(
+    envs = make_vec(
         name,
         len(settings),
         "sync" if wrappers else None,
@@ -252,6 +252,8 @@ def _of_process(
         wrappers=wrappers,
         member_settings=settings,
     )
+    assert isinstance(envs, SyncVectorEnv)
+    return envs
 
 
 def _wrapped(name: str, wrappers: Sequence[Callable[..., Any]], settings: dict[str, Any]) -> Any:
