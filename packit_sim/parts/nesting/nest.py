@@ -23,6 +23,7 @@ from packit_sim.parts.nesting.balance import Balance
 from packit_sim.parts.nesting.bins import BinsSearch
 from packit_sim.parts.nesting.build import SLACK, count_fields
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
+from packit_sim.parts.nesting.copies import CopiesSearch
 from packit_sim.parts.nesting.knapsacks import KnapsackSearch
 from packit_sim.parts.nesting.lattices import lattice_poses
 from packit_sim.parts.nesting.limits import ItemLimits
@@ -237,6 +238,8 @@ def nest(
         task.start = _poses(settings.start, problems.get(), task, empty)
     elif objective != "bins":
         task.start = lattice_poses(problems.get(), task)
+        if task.start is not None and kind is KnapsackSearch and not task.is_limited:
+            kind = CopiesSearch
 
     def checked(solution: Solution) -> Packing | None:
         packing = _packing(problems.get(), task, solution, empty)

@@ -201,6 +201,11 @@ class SearchTask:
         return len(self.volumes)
 
     @property
+    def is_limited(self) -> bool:
+        """True if more than the space limits what is in a box."""
+        return self.limits.count > 0 or self.balance is not None
+
+    @property
     def unplaced(self) -> Poses:
         """Poses with the obstacles in their positions and no item inside."""
         n, m = self.count, len(self.obstacles)
