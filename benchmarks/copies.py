@@ -127,9 +127,9 @@ def table(runs: dict[str, dict[str, Any]]) -> str:
     head = (
         "part",
         "first after, s",
-        "copies",
+        "copies in it",
         "time, s",
-        "copies",
+        "copies at the end",
         "in a grid",
         "ratio",
         "problems",

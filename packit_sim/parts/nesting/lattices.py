@@ -81,6 +81,11 @@ class Lattice:
         return abs(float(np.linalg.det(self.vectors))) / len(self.turns)
 
 
+def has_copies(task: SearchTask) -> bool:
+    """Return whether all items are equal, and many, without obstacles."""
+    return len(np.unique(task.numbers)) == 1 and task.count >= FEWEST
+
+
 def lattice_poses(problem: Problem, task: SearchTask) -> Poses | None:
     """Fill the box of a task of equal items with the lattice of which most fit.
 
@@ -89,7 +94,7 @@ def lattice_poses(problem: Problem, task: SearchTask) -> Poses | None:
     Poses or None
         The poses, or None if there are several types, few items, or obstacles.
     """
-    if len(np.unique(task.numbers)) > 1 or task.count < FEWEST:
+    if not has_copies(task):
         return None
     boxes, allowed = problem.lookup.boxes[0], problem.allowed[0, : problem.allowed_counts[0]]
     sides = boxes[:, 3:] - boxes[:, :3]

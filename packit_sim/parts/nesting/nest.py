@@ -25,7 +25,7 @@ from packit_sim.parts.nesting.build import SLACK, count_fields
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.copies import CopiesSearch
 from packit_sim.parts.nesting.knapsacks import KnapsackSearch
-from packit_sim.parts.nesting.lattices import lattice_poses
+from packit_sim.parts.nesting.lattices import has_copies, lattice_poses
 from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.nesting.pose_kernels import box_of
 from packit_sim.parts.nesting.problem import Problem, boxes_of
@@ -238,8 +238,8 @@ def nest(
         task.start = _poses(settings.start, problems.get(), task, empty)
     elif objective != "bins":
         task.start = lattice_poses(problems.get(), task)
-        if task.start is not None and kind is KnapsackSearch and not task.is_limited:
-            kind = CopiesSearch
+    if kind is KnapsackSearch and has_copies(task) and not task.is_limited:
+        kind = CopiesSearch
 
     def checked(solution: Solution) -> Packing | None:
         packing = _packing(problems.get(), task, solution, empty)
