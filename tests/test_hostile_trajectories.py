@@ -16,6 +16,7 @@ from trimesh import creation
 from packit_sim import Item, Shape
 from packit_sim.core.errors import ArgumentError, PackFormatError, PackItError
 from packit_sim.core.files import replace_text
+from packit_sim.game.explorer.arm_replay import ArmReplay
 from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.motions import Motion
 from packit_sim.robot.arms import arm_of
@@ -125,6 +126,27 @@ def test_a_right_trajectory_is_measured() -> None:
     found = read(trajectory().to_bytes())
     assert found.digest == trajectory().digest
     assert measures(found, [ITEM.item])["planned"] == 1
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_viewer_replays_a_damaged_trajectory_or_refuses_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = (0.0, -1.0, 3.0, 1e9, -1e9, 1e300, np.inf, np.nan, 1e-300)
+
+    def damage(arrays: Arrays, _: Any) -> None:
+        name = str(rng.choice(["joints_0", "poses_0", "rows_0"]))
+        array = arrays[name].copy()
+        value = rng.choice(values) if array.dtype == float else rng.integers(-1, 6)
+        array.flat[rng.integers(array.size)] = value
+        arrays[name] = array
+
+    try:
+        replay = ArmReplay.of(read(changed(damage)))
+    except PackItError:
+        return
+    for moment in (0.0, replay.seconds):
+        shown = [pose.matrix for pose in replay.at(moment).poses if pose is not None]
+        assert shown and np.isfinite(shown).all()
 
 
 def test_too_many_steps_are_refused_before_they_are_read() -> None:
