@@ -189,6 +189,15 @@ def test_a_record_is_checked_by_its_file_and_the_instance(tmp_path) -> None:
         assert any(problem in text for text in records.problems(file, folder))
 
 
+def test_the_name_of_a_record_says_its_rotations(tmp_path) -> None:
+    folder = literatures(tmp_path)
+    file = tmp_path / "cubes.json"
+    file.write_text('{"instancePath": "Stoyan et al. 2005/Example1.json", "items": []}')
+    assert records.problems(file, folder) == [
+        "the name does not end with the rotations: -fixed or -axis-N"
+    ]
+
+
 def test_a_body_inside_another_one_is_found() -> None:
     boxes = [creation.box((side, side, side)) for side in (3, 1)]
     types = [ItemType(str(n), box.vertices, box.faces) for n, box in enumerate(boxes)]

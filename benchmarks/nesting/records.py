@@ -110,8 +110,10 @@ def problems(file: Path, data: Path) -> list[str]:
     """
     solution = json.loads(file.read_text())
     types, container = read_instance(data / solution["instancePath"])
-    rotations = file.stem[re.search(r"-(fixed|axis-\d+)$", file.stem).start(1) :]  # type: ignore[union-attr]
-    allowed = matrices(rotations)
+    rotations = re.search(r"-(fixed|axis-\d+)$", file.stem)
+    if rotations is None:
+        return ["the name does not end with the rotations: -fixed or -axis-N"]
+    allowed = matrices(rotations[1])
     base = np.array(container.size[:2])
     tolerance = TOLERANCE * float(base.max())
     left = {_file_name(each): each.demand for each in types}
@@ -127,7 +129,7 @@ def problems(file: Path, data: Path) -> list[str]:
         left[name] -= 1
         matrix = np.array(item["transformation"]["matrix"]).T
         if np.abs(allowed - matrix[:3, :3]).max(axis=(1, 2)).min() > 1e-9:
-            found.append(f"{label} has a rotation that is not of {rotations}")
+            found.append(f"{label} has a rotation that is not of {rotations[1]}")
         vertices = meshes[name].vertices @ matrix[:3, :3].T + matrix[:3, 3]
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         if (low < -tolerance).any() or (high[:2] > base + tolerance).any():
