@@ -17,7 +17,8 @@ BOX = 3.1, 3.1, 12.0
 def _only_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of a dozen copies, which nothing else improves."""
     monkeypatch.setattr(copies, "_BLOCK", 12)
-    monkeypatch.setattr(KnapsackSearch, "advance", lambda search, problem, budget: budget.take(999))
+    monkeypatch.setattr(KnapsackSearch, "_rebuild", lambda *_: None)
+    monkeypatch.setattr(KnapsackSearch, "_end", lambda *_: None)  # of exchanges
 
 
 def packed(demand: int, iterations: int, start: Packing | None = None) -> list[Packing]:

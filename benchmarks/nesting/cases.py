@@ -50,6 +50,9 @@ DATA_HELP = "folder of the literature's instances: `3d_irregular` of github.com/
 OF_INSTANCES = ("literature", "clearance")
 """The kinds whose problems may be the literature's instances."""
 
+MORE_ROTATIONS = "cube", "free"
+"""Rotation sets with which others published nothing."""
+
 SETS_OF_ITEMS = 10
 
 UNIT_BOX = BoxContainer((1.0, 1.0, 1.0))
@@ -122,7 +125,7 @@ def literature(name: str, rotations: str, data: Path | None) -> Case:
 def heights_of_others(name: str, rotations: str) -> dict[str, float]:
     """Return the published heights of an instance by their names, if there are any."""
     known = {own: heights for (each, own), heights in published().items() if each == name}
-    if known and rotations in ("cube", "free"):
+    if known and rotations in MORE_ROTATIONS:
         return next(known[own] for own in ("axis-8", "axis-4", "fixed") if own in known)
     return known.get(rotations, {})
 

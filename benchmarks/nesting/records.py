@@ -28,9 +28,9 @@ import fcl
 import numpy as np
 
 from benchmarks.common import argument_parser
-from benchmarks.nesting.cases import DATA_HELP, heights_of_others
-from benchmarks.nesting.report import BELOW, MORE_ROTATIONS
-from benchmarks.nesting.runs import Results, Search
+from benchmarks.nesting.cases import DATA_HELP, MORE_ROTATIONS, heights_of_others
+from benchmarks.nesting.report import BELOW
+from benchmarks.nesting.runs import Results, Search, file_stem
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.packings.instances import read_instance, write_solution
 from packit_sim.parts.packings.item_types import ItemType
@@ -79,7 +79,7 @@ def write_records(results: Results, folder: Path, data: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for (name, rotations), runs in sorted(rows.items()):
         best = heights_of_others(name, rotations).get("sparrow-3d, best of 15", -math.inf)
-        file = folder / (re.sub(r"[^A-Za-z0-9-]+", "-", f"{name} {rotations}") + ".json")
+        file = folder / (file_stem(f"{name} {rotations}") + ".json")
         for run in sorted(runs, key=lambda each: float(each["score"])):
             if run["score"] >= best - BELOW:
                 break

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from benchmarks.common import RESULTS, plot_file
 from benchmarks.nesting import ablations
 from benchmarks.nesting.builtin_report import PICTURE, builtin, draw_builtin
-from benchmarks.nesting.cases import heights_of_others
+from benchmarks.nesting.cases import MORE_ROTATIONS, heights_of_others
 from benchmarks.nesting.runs import Results, Search
 from packit_sim.core.files import replace_text
 from packit_sim.parts.results import pictures
@@ -50,9 +50,6 @@ CONVERGENCE = (
     "Stoyan et al. 2005/Example3",
 )
 """The instances whose heights the picture shows over time."""
-
-MORE_ROTATIONS = "cube", "free"
-"""Rotation sets with which others published nothing."""
 
 POINTS = 200
 

@@ -22,6 +22,11 @@ from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.packings.placements import Placement
 
 
+def file_stem(name: str) -> str:
+    """Return a name in letters, digits and hyphens alone."""
+    return re.sub(r"[^A-Za-z0-9-]+", "-", name)
+
+
 @dataclass(frozen=True)
 class Search:
     """What is searched, and for how long.
@@ -55,7 +60,7 @@ class Search:
     @property
     def file(self) -> str:
         """The name of the file of its packing."""
-        return re.sub(r"[^A-Za-z0-9-]+", "-", self.key) + ".json.gz"
+        return file_stem(self.key) + ".json.gz"
 
 
 class Results:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.parts.nesting.filling import filled, least_heights
+from packit_sim.parts.nesting.filling import filled, least_heights, tops
 from packit_sim.parts.nesting.knapsacks import KnapsackSearch
 from packit_sim.parts.nesting.problem import Problem
 from packit_sim.parts.nesting.strips import StripSearch
@@ -41,11 +41,6 @@ class CopiesSearch(KnapsackSearch):
         self._is_stacking = False
 
     def advance(self, problem: Problem, budget: SearchBudget) -> None:
-        if not self._is_begun:
-            self._budget = budget
-            self._is_begun = True
-            self._offer(problem, self._constructed(problem))
-            self._begin_blocks(problem)
         self._is_stacking = not self._is_stacking
         while self._is_stacking and self._block and not self._is_over(budget):
             self._block.advance(problem, budget)
@@ -61,15 +56,18 @@ class CopiesSearch(KnapsackSearch):
         super().restart()
         self._block = self._lower = None
 
-    def _begin_blocks(self, problem: Problem) -> None:
+    def _constructed(self, problem: Problem) -> Solution:
+        solution = super()._constructed(problem)
+        self._begin_blocks(problem, solution.poses)
+        return solution
+
+    def _begin_blocks(self, problem: Problem, poses: Poses) -> None:
         """Cut the box into blocks, and begin with the lowest copies of the first packing."""
-        assert self.best is not None
-        poses = self.best.poses
         packed = np.flatnonzero(self._packed(poses))
         least = float(least_heights(problem, self._task).min())
         most = max(1, int(self._task.size[2] / (_LEAST_HEIGHT * least)))
         self._count = min(most, max(1, round(len(packed) / _BLOCK)))
-        lowest = packed[np.argsort(self._tops(problem, poses)[packed], kind="stable")]
+        lowest = packed[np.argsort(tops(problem, self._task, poses)[packed], kind="stable")]
         some = lowest[: len(packed) // self._count]
         self._begin_block(problem, poses.turned[some], poses.places[some])
 
@@ -134,11 +132,6 @@ class CopiesSearch(KnapsackSearch):
                 break
             poses = more
         return poses
-
-    def _tops(self, problem: Problem, poses: Poses) -> Floats:
-        """Return how high each copy (n,) reaches."""
-        tops: Floats = poses.places[:, 2] + problem.lookup.boxes[0, poses.turned, 5]
-        return tops
 
 
 class _Block(StripSearch):

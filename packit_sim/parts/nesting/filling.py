@@ -190,6 +190,12 @@ def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) ->
     return Poses.of(state)
 
 
+def tops(problem: Problem, task: SearchTask, poses: Poses) -> Floats:
+    """Return how high each item and obstacle (n + m,) reaches."""
+    found: Floats = poses.places[:, 2] + problem.lookup.boxes[task.numbers, poses.turned, 5]
+    return found
+
+
 def least_heights(problem: Problem, task: SearchTask) -> Floats:
     """Return the least height of each item (n,) in the container, infinite if it does not fit."""
     found = _least_heights(problem, task.size)

@@ -7,7 +7,13 @@ import math
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.nesting.filling import constructed, filled, least_heights, with_random_poses
+from packit_sim.parts.nesting.filling import (
+    constructed,
+    filled,
+    least_heights,
+    tops,
+    with_random_poses,
+)
 from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.separation import Separation
@@ -148,9 +154,9 @@ class StripSearch(NestSearch):
 
     def _height_of(self, problem: Problem, poses: Poses) -> float:
         """Return the height of the highest item; 0 without items."""
-        tops = poses.places[:, 2] + problem.lookup.boxes[self._task.numbers, poses.turned, 5]
         own = slice(self._task.count)
-        return float(tops[own][poses.inside[own] > 0].max(initial=0.0))
+        inside = poses.inside[own] > 0
+        return float(tops(problem, self._task, poses)[own][inside].max(initial=0.0))
 
     def _least_height(self) -> float:
         """Return a lower bound of the height: by the items' volume, and by each item alone."""
