@@ -37,10 +37,13 @@ class Disturbance:
         Movement of the new item from where it is placed.
     others : float
         Largest movement of another item from where it came to rest.
+    piece_steps : int
+        What the prediction cost: convex pieces times time steps that were simulated.
     """
 
     own: float = 0.0
     others: float = 0.0
+    piece_steps: int = 0
 
 
 class BaseBox(ABC, Generic[ItemT]):

@@ -33,7 +33,7 @@ from packit_agents.placements.policies import (
 )
 from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
 from packit_agents.placements.scored_layout import ScoredLayout
-from packit_agents.placements.stable_choice import MAX_RELEASED, choose_stable
+from packit_agents.placements.stable_choice import MAX_RELEASED, PIECE_STEPS, StableChoice
 from packit_agents.planning.budgets import Budget
 from packit_sim.box import Box, Disturbance
 from packit_sim.core import debugging
@@ -533,6 +533,8 @@ def test_weights_that_do_not_fit_are_refused(tmp_path, monkeypatch) -> None:
 class Candidates:
     """Placements with a loss each, in a box in which each moves itself and other items."""
 
+    piece_steps = 0
+
     def __init__(self, lost: list[float], own: list[float], others: list[float]) -> None:
         self.losses, self.own, self.others = lost, own, others
         self.released: list[int] = []
@@ -546,7 +548,8 @@ class Candidates:
     def disturbance(self, item, location, limit):
         self.released.append(location[0])
         number = location[0]
-        return Disturbance(self.own[number], min(self.others[number], limit + 0.1))
+        moved = min(self.others[number], limit + 0.1)
+        return Disturbance(self.own[number], moved, self.piece_steps)
 
 
 @pytest.mark.parametrize(
@@ -563,8 +566,20 @@ class Candidates:
 )
 def test_a_placement_that_moves_nothing_is_chosen(lost, own, others, released, chosen) -> None:
     found = Candidates(lost, own, others)
-    assert choose_stable(found, range(len(lost)), found) == chosen  # type: ignore[arg-type]
+    assert StableChoice()(found, range(len(lost)), found) == chosen  # type: ignore[arg-type]
     assert found.released == released
+
+
+def test_simulations_take_at_most_half_of_what_is_left_and_each_choice_has_one() -> None:
+    found = Candidates([0] * 20, [2.0] * 20, [0.0] * 20)
+    found.piece_steps = PIECE_STEPS // 10
+    choose = StableChoice()
+    released = []
+    for _ in range(6):
+        found.released.clear()
+        assert choose(found, range(20), found) == 0  # type: ignore[arg-type]
+        released.append(len(found.released))
+    assert released == [5, 3, 1, 1, 1, 1]
 
 
 def test_with_nothing_that_moves_the_stable_champion_is_the_champion() -> None:

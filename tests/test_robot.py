@@ -450,12 +450,12 @@ def test_padded_bodies_keep_clear_of_boxes() -> None:
     body = PaddedBody.of(creation.box((0.1, 0.1, 0.1)))
     obstacles = Obstacles.of([((-1, -1, -1), (1, 1, 0))])
     for height, expected in ((0.05 + PADDING * 0.9, False), (0.05 + PADDING * 1.3, True)):
-        poses = (Motion.shift((0, 0, -0.05)), Motion.shift((0, 0, height)))
+        poses = np.array([Motion.shift((0, 0, z)).matrix for z in (-0.05, height)])
         there = PosedBodies((body, body), poses)
         assert there.are_clear(obstacles, first=1) == expected
         assert not there.are_clear(obstacles)
         assert there.are_apart(np.array([(0, 1)])) == (height > 0.06)
-    enclosed = PosedBodies((body,), (Motion.shift((0, 0, -0.5)),))
+    enclosed = PosedBodies((body,), Motion.shift((0, 0, -0.5)).matrix[None])
     assert not enclosed.are_clear(obstacles)
 
 

@@ -232,8 +232,8 @@ def _span(other: ItemInBox) -> tuple[Sequence[float], Sequence[float]]:
     """Return the first and the last corner of an item, in cells."""
     if isinstance(other, PlacedItem):
         return other.start, other.stop
-    vertices = other.vertices / CELL
-    return vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
+    low, high = (other.bounds / CELL).tolist()
+    return low, high
 
 
 @lru_cache(maxsize=8)  # many items are tried in one box

@@ -32,6 +32,8 @@ class ItemInBox(Protocol):
         The linear part of that matrix: the item's scale and a rotation.
     vertices : ndarray of float64, shape (n, 3)
         The vertices of its mesh, in box units.
+    bounds : ndarray of float64, shape (2, 3)
+        Their smallest and largest coordinates.
     counts : bool
         Whether its volume counts for the box's density: items that settled count while they are
         inside the box and stable, all others always.
@@ -49,6 +51,8 @@ class ItemInBox(Protocol):
     def pose(self) -> Motion: ...
     @property
     def vertices(self) -> Floats: ...
+    @property
+    def bounds(self) -> Floats: ...
     @property
     def counts(self) -> bool: ...
 
@@ -145,6 +149,11 @@ class PlacedItem:
         return np.asarray(self.item.mesh.vertices + self.center)
 
     @property
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates of its vertices, (2, 3) in box units."""
+        return _bounds(self.vertices)
+
+    @property
     def counts(self) -> bool:
         """True: its volume counts for the box's density."""
         return True
@@ -199,6 +208,11 @@ class PosedItem:
         """Vertices of the item's mesh, (n, 3) in box units."""
         return np.asarray(self.item.shape.mesh.vertices @ self.linear.T + self.center)
 
+    @cached_property
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates of its vertices, (2, 3) in box units."""
+        return _bounds(self.vertices)
+
     @property
     def counts(self) -> bool:
         """True: its volume counts for the box's density."""
@@ -249,7 +263,16 @@ class AtPose:
         """Vertices of its mesh, (n, 3) in box units."""
         return self.posed.vertices
 
+    @property
+    def bounds(self) -> Floats:
+        """Smallest and largest coordinates of its vertices, (2, 3) in box units."""
+        return self.posed.bounds
+
 
 def triangles(placed: ItemInBox) -> Floats:
     """Compute the corners of the triangles of an item's mesh, (n, 3, 3) in box units."""
     return placed.vertices[placed.item.shape.mesh.faces]
+
+
+def _bounds(vertices: Floats) -> Floats:
+    return np.array((vertices.min(axis=0), vertices.max(axis=0)))

@@ -69,10 +69,9 @@ class Motion:
         rotation, translation = split(matrix)
         if not _is_rotation(rotation, 10 * ROTATION_SLACK):
             raise ArgumentError(f"{rotation.tolist()} is no rotation matrix")
-        for name, array in zip(
-            ("matrix", "rotation", "translation"), (matrix, rotation, translation), strict=True
-        ):
-            object.__setattr__(self, name, array)
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation", translation)
 
     @classmethod
     def from_matrix(cls, matrix: Floats, scale: float = 1.0) -> Motion:
@@ -236,11 +235,13 @@ def split(matrix: Floats) -> tuple[Floats, Floats]:
 def _is_rotation(matrix: Floats, slack: float) -> bool:
     """Decide whether a matrix (3, 3) is a rotation, in plain numbers: motions are made often."""
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
-    lengths = (a * a + d * d + g * g, b * b + e * e + h * h, c * c + f * f + i * i)
-    products = (a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i)
     return (
-        all(abs(length - 1) <= slack for length in lengths)
-        and all(abs(product) <= slack for product in products)
+        abs(a * a + d * d + g * g - 1) <= slack
+        and abs(b * b + e * e + h * h - 1) <= slack
+        and abs(c * c + f * f + i * i - 1) <= slack
+        and abs(a * b + d * e + g * h) <= slack
+        and abs(a * c + d * f + g * i) <= slack
+        and abs(b * c + e * f + h * i) <= slack
         and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
     )
 

@@ -91,4 +91,8 @@ def foreseen_movement(
                 continue
             if np.abs(seen[-1] - seen[-1 - _STILL_CHECKS]).max() < _STILL:
                 break
-    return Disturbance(own=float(seen[-1][-1]), others=float(seen[-1][:-1].max(initial=0.0)))
+    return Disturbance(
+        own=float(seen[-1][-1]),
+        others=float(seen[-1][:-1].max(initial=0.0)),
+        piece_steps=sum(map(len, pieces)) * _CHECK * len(seen),
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -78,13 +77,12 @@ class Route:
         return np.concatenate((back, self.abandon))
 
 
-def tool_rotation(yaw: float, tilt: float) -> Floats:
-    """Return the rotation (3, 3) of a tool that is tilted, and then turned about the vertical."""
-    across = np.array((-math.sin(yaw), math.cos(yaw), 0.0))
-    axis = np.array(
-        (math.cos(yaw) * math.sin(tilt), math.sin(yaw) * math.sin(tilt), math.cos(tilt))
-    )
-    return np.column_stack((np.cross(across, axis), across, axis))
+def tool_rotation(yaw: Floats | float, tilt: Floats | float) -> Floats:
+    """Return the rotations (..., 3, 3) of a tool that is tilted, and then turned about z."""
+    none = np.zeros(np.shape(tilt))
+    across = np.stack((-np.sin(yaw) + none, np.cos(yaw) + none, none), axis=-1)
+    axis = np.stack((np.cos(yaw) * np.sin(tilt), np.sin(yaw) * np.sin(tilt), np.cos(tilt)), axis=-1)
+    return np.stack((np.cross(across, axis), across, axis), axis=-1)
 
 
 class Arm(ABC):
@@ -106,8 +104,23 @@ class Arm(ABC):
     bodies: Sequence[trimesh.Trimesh]
 
     @abstractmethod
-    def poses(self, joints: Floats) -> Sequence[Motion]:
-        """Return where the bodies are, in m, and last the tool."""
+    def matrices(self, joints: Floats) -> Floats:
+        """Return where the bodies are, in m, and last the tool.
+
+        Parameters
+        ----------
+        joints : ndarray of float64, shape (n, joints)
+            Positions of the joints, in m and radians.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, bodies + 1, 4, 4)
+            Their poses.
+        """
+
+    def poses(self, joints: Floats) -> list[Motion]:
+        """Return the `matrices` of one position of the joints as motions."""
+        return [Motion.from_matrix(matrix) for matrix in self.matrices(joints[None])[0]]
 
     @abstractmethod
     def check(self, cells: Cells, longest: float) -> None:

@@ -253,10 +253,8 @@ class RobotCell:
     def holds(self, cells: Cells, posed: PosedItem) -> bool:
         """Decide whether an item is wholly inside a box, below its rim (see `INSIDE`)."""
         slack = INSIDE / self.edge
-        vertices = posed.vertices
-        return bool(
-            (vertices >= -slack).all() and (vertices <= np.array(cells) * CELL + slack).all()
-        )
+        low, high = posed.bounds
+        return bool((low >= -slack).all() and (high <= np.array(cells) * CELL + slack).all())
 
     def check_payload(self, name: str, volume: float) -> None:
         """Raise ArgumentError if an item of a volume in cubic box units is too heavy."""

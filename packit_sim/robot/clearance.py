@@ -10,7 +10,6 @@ import numpy.typing as npt
 import trimesh
 
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.motions import Motion
 from packit_sim.placement import LooseMesh
 
 PADDING = 0.005
@@ -62,12 +61,13 @@ class Obstacles:
 
 
 class PosedBodies:
-    """Bodies at poses; a pose more than bodies is not looked at."""
+    """Bodies at poses, matrices (n, 4, 4); a pose more than bodies is not looked at."""
 
-    def __init__(self, bodies: Sequence[PaddedBody], poses: Sequence[Motion]) -> None:
-        self._bodies, self._poses = bodies, poses
-        both = zip(bodies, poses, strict=False)
-        self._middles = np.array([pose.apply(body.center) for body, pose in both])
+    def __init__(self, bodies: Sequence[PaddedBody], poses: Floats) -> None:
+        self._bodies = bodies
+        self._turns, self._shifts = poses[:, :3, :3], poses[:, :3, 3]
+        centers = np.array([body.center for body in bodies])[..., None]
+        self._middles = (self._turns[: len(bodies)] @ centers)[..., 0] + self._shifts[: len(bodies)]
         self._radii = np.array([body.radius for body in bodies])
 
     def are_clear(self, obstacles: Obstacles, first: int = 0) -> bool:
@@ -78,9 +78,8 @@ class PosedBodies:
         if (near & ~gaps.any(axis=2)).any():
             return False
         for n, which in np.argwhere(near).tolist():
-            body, pose = self._bodies[first + n], self._poses[first + n]
-            turn = np.ascontiguousarray(pose.rotation)
-            if obstacles.meshes[which].crosses(body.mesh, pose.translation, turn):
+            body, turn = self._bodies[first + n].mesh, np.ascontiguousarray(self._turns[first + n])
+            if obstacles.meshes[which].crosses(body, self._shifts[first + n], turn):
                 return False
         return True
 
@@ -92,7 +91,7 @@ class PosedBodies:
         return not any(self._cross(*pair) for pair in pairs[near].tolist())
 
     def _cross(self, one: int, other: int) -> bool:
-        between = self._poses[other].seen_from(self._poses[one])
-        turn = np.ascontiguousarray(between.rotation)
-        mesh = self._bodies[one].mesh
-        return mesh.crosses(self._bodies[other].mesh, between.translation, turn)
+        back = self._turns[one].T
+        turn = np.ascontiguousarray(back @ self._turns[other])
+        shift = back @ (self._shifts[other] - self._shifts[one])
+        return self._bodies[one].mesh.crosses(self._bodies[other].mesh, shift, turn)

@@ -166,11 +166,11 @@ def tool_path(
     place = (planned.center + point) * cell.edge
     place[2] += cell.gap
     turns = [place + shift * cell.edge for shift in shifts]
-    tops = [float(posed.vertices[:, 2].max()) * cell.edge for posed in before]
+    tops = [float(posed.bounds[1, 2]) * cell.edge for posed in before]
     rim = max([float(cell.size(cells)[2]), *tops])
-    height = float(start.vertices[:, 2].max()) * cell.edge
+    height = float(start.bounds[1, 2]) * cell.edge
     surface = start.vertices * cell.edge - pick
-    depth = place[2] - float(planned.vertices[:, 2].min()) * cell.edge
+    depth = place[2] - float(planned.bounds[0, 2]) * cell.edge
     carried = rim + cell.clearance + pick[2]
     over_pick = _raised(pick, height + cell.clearance)
     approach = [over_pick]

@@ -161,15 +161,18 @@ class Gantry(Arm):
         bodies, movers = tuple(body for _, body in boxes), tuple(mover for mover, _ in boxes)
         return cls(cell, text, low, high, bodies, movers)
 
-    def poses(self, joints: Floats) -> list[Motion]:
-        """Return where the bodies are, in m, and last the tool."""
-        moved = [Motion.shift(np.where(np.arange(3) <= n, joints[:3], 0.0)) for n in self.movers]
-        if self.cell.level == 1:
-            return [*moved, Motion.shift(joints[:3])]
-        turn = tool_rotation(*joints[3:].tolist())
-        axis = joints[:3] + np.array((0.0, 0.0, TILTED_TOOL))
-        moved[self.movers.index(len(KINDS))] = Motion(turn, axis)
-        return [*moved, Motion(turn, axis - TILTED_TOOL * turn[:, 2])]
+    def matrices(self, joints: Floats) -> Floats:
+        found = np.tile(np.eye(4), (len(joints), len(self.movers) + 1, 1, 1))
+        for body, mover in enumerate((*self.movers, 2)):
+            axes = slice(min(mover, 2) + 1)
+            found[:, body, axes, 3] = joints[:, axes]
+        if self.cell.level == 2:
+            turns = tool_rotation(joints[:, 3], joints[:, 4])
+            head = self.movers.index(len(KINDS))
+            found[:, [head, -1], :3, :3] = turns[:, None]
+            found[:, [head, -1], 2, 3] += TILTED_TOOL
+            found[:, -1, :3, 3] -= TILTED_TOOL * turns[:, :, 2]
+        return found
 
     def check(self, cells: Cells, longest: float) -> None:
         cell, size, station = self.cell, self.cell.size(cells), self.cell.station(cells)

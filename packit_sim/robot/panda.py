@@ -198,26 +198,23 @@ class Panda(Arm):
         base = Motion.shift((x, y, height))
         return cls(cell, cells, length, base, text, tuple(bodies))
 
-    def poses(self, joints: Floats) -> list[Motion]:
-        """Return where the bodies are, in m, and last the tool."""
-        frame = self.base.matrix
-        found = [self.base]
-        for origin, angle in zip(panda_model().origins, joints[:7].tolist(), strict=True):
-            cosine, sine = math.cos(angle), math.sin(angle)
-            turn = np.array(
-                ((cosine, -sine, 0, 0), (sine, cosine, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
-            )
-            frame = frame @ origin @ turn
-            found.append(Motion(frame[:3, :3], frame[:3, 3]))
+    def matrices(self, joints: Floats) -> Floats:
+        turns = np.tile(np.eye(4), (len(joints), 7, 1, 1))
+        turns[..., 0, 0] = turns[..., 1, 1] = np.cos(joints[:, :7])
+        turns[..., 1, 0] = np.sin(joints[:, :7])
+        turns[..., 0, 1] = -turns[..., 1, 0]
+        links = [np.tile(self.base.matrix, (len(joints), 1, 1))]
+        for n, origin in enumerate(panda_model().origins):
+            links.append(links[-1] @ origin @ turns[:, n])
         reach = panda_model().flange + self.length
-        tool = Motion(
-            frame[:3, :3] * np.array((1.0, -1.0, -1.0)), frame[:3, 3] + frame[:3, 2] * reach
-        )
+        tool = links[-1] * np.array((1.0, -1.0, -1.0, 1.0))  # upside down
+        tool[:, :3, 3] -= tool[:, :3, 2] * reach
         if self.cell.level == 1:
-            return [*found, tool, tool, tool]
-        axis = Motion.shift((0.0, 0.0, TILTED_TOOL))
-        tip = tool @ axis @ Motion(tool_rotation(0.0, float(joints[7]))) @ axis.inverse()
-        return [*found, tool, tool, tip, tip]
+            return np.stack((*links, tool, tool, tool), axis=1)
+        tip = tool.copy()
+        tip[:, :3, :3] = tool[:, :3, :3] @ tool_rotation(0.0, joints[:, 7])
+        tip[:, :3, 3] += TILTED_TOOL * (tool[:, :3, 2] - tip[:, :3, 2])
+        return np.stack((*links, tool, tool, tip, tip), axis=1)
 
     def check(self, cells: Cells, longest: float) -> None:
         size, station = self.cell.size(cells), self.cell.station(cells)
@@ -277,7 +274,7 @@ class Panda(Arm):
         checks = [(fetch, bodies, nearby), (up, with_item, nearby), (aside, bodies, obstacles)]
         checks += [(one, links, obstacles) for one in (fetch, insert, retreat)]
         for points, moving, there in checks:
-            if not all(self._is_clear(point, moving, there) for point in points):
+            if not self._are_clear(points, moving, there):
                 return None
         home = self._inverse(self._home(top))[0]
         rng = np.random.default_rng(seed)
@@ -320,7 +317,7 @@ class Panda(Arm):
 
         The number after those of the arm is that of the held item.
         """
-        there = PosedBodies(self._padded, self.poses(_level(self._inverse(self._home(0.0))[0])))
+        there = PosedBodies(self._padded, self.matrices(_level(self._inverse(self._home(0.0))))[0])
         pairs = np.array([*combinations(range(len(self._padded)), 2)])
         hand = HAND if self.cell.level == 1 else len(self.bodies) - self.cell.level
         held = [(n, len(self.bodies)) for n in range(hand)]
@@ -345,14 +342,16 @@ class Panda(Arm):
         ends += [((-far, -far, -1), (far, far, 0))] if table else []
         return Obstacles.of([*ends, item] if item is not None else ends)
 
-    def _is_clear(self, free: Floats, bodies: Sequence[PaddedBody], obstacles: Obstacles) -> bool:
-        """Decide whether the first bodies are clear of obstacles and of each other.
+    def _are_clear(
+        self, points: Floats, bodies: Sequence[PaddedBody], obstacles: Obstacles
+    ) -> bool:
+        """Decide whether the first bodies are clear of obstacles and of each other at all points.
 
         Body 0 is fixed. The tubes are clear of the held item at any tilt, by the choice of grasps.
         """
-        there = PosedBodies(bodies, self.poses(_level(free)))
         pairs = self._pairs[(self._pairs < len(bodies)).all(axis=1)]
-        return there.are_clear(obstacles, first=1) and there.are_apart(pairs)
+        each = (PosedBodies(bodies, poses) for poses in self.matrices(_level(points)))
+        return all(there.are_clear(obstacles, first=1) and there.are_apart(pairs) for there in each)
 
     def _path(
         self,
@@ -368,8 +367,8 @@ class Panda(Arm):
             moved = float(np.abs(other - one) @ _MOVED[self.cell.level - 1])
             count = math.ceil(moved / (2 * PADDING)) + 1
             points = np.linspace(one, other, max(count, 2))
-            return bool(self._is_possible(points).all()) and all(
-                self._is_clear(point, bodies, obstacles) for point in points[_spread(len(points))]
+            return bool(self._is_possible(points).all()) and self._are_clear(
+                points[_spread(len(points))], bodies, obstacles
             )
 
         model, tilt = panda_model(), (TILT,) * (self.cell.level - 1)

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
+from scipy.spatial.transform import Rotation
 
-from packit_sim.core.caches import cached_property
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.penetration import DEPTHS, DIRECTIONS
 from packit_sim.placement import LooseMesh
 from packit_sim.robot.arm import CUP
 from packit_sim.robot.arms import arm_of
-from packit_sim.robot.cell import RobotCell, walls
+from packit_sim.robot.cell import walls
+from packit_sim.robot.recording import Recording
 from packit_sim.robot.trajectory import Trajectory
 
 _SIDES = 48
 """Sides of the prism around a cup."""
+
+_SLACK = 1e-9
+"""Box units by which boxes around bodies are larger."""
 
 
 class _Body:
@@ -32,10 +37,11 @@ class _Body:
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         self._center, self._half = (low + high) / 2, (high - low) / 2
 
-    def bounds(self, pose: Motion) -> Floats:
-        """Return a box (2, 3) around it at a pose."""
-        center, half = pose.apply(self._center), np.abs(pose.rotation) @ self._half
-        return np.array((center - half, center + half))
+    def bounds(self, poses: Floats) -> Floats:
+        """Return boxes (..., 2, 3) around it, a little larger, at poses (..., 4, 4)."""
+        centers = poses[..., :3, :3] @ self._center + poses[..., :3, 3]
+        halves = np.abs(poses[..., :3, :3]) @ self._half + _SLACK
+        return np.stack((centers - halves, centers + halves), axis=-2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +51,9 @@ class _There:
     body: _Body
     pose: Motion
 
-    @cached_property
+    @property
     def bounds(self) -> Floats:
-        return self.body.bounds(self.pose)
+        return self.body.bounds(self.pose.matrix)
 
     def depth(self, other: _There, known: float) -> float:
         """Return an upper bound of the depth of an overlap, or of a known one if that is deeper."""
@@ -63,6 +69,51 @@ class _There:
                 return depth
         (low, high), (other_low, other_high) = self.bounds, other.bounds
         return max(known, float(min((high - other_low).min(), (other_high - low).min())))
+
+
+class _Surroundings:
+    """What stands around the arm: walls, floor and table, and the items where they are now."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self._bodies = _fixed_bodies(trajectory)
+        self._fixed = len(self._bodies)
+        self._bodies += [_Body(one.chosen.item.turned(0).mesh) for one in trajectory.attempts]
+        self._poses = np.tile((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (len(self._bodies), 1))
+        nowhere = np.full((2, 3), np.inf) * ((1,), (-1,))
+        self._bounds = np.tile(nowhere, (len(self._bodies), 1, 1))
+        for n in range(self._fixed):
+            self._bounds[n] = self._bodies[n].bounds(np.eye(4))
+
+    def rows(self, recording: Recording) -> Floats:
+        """Return boxes (n, 2, 3) around the recorded items at their recorded poses."""
+        bounds = np.empty((len(recording.rows), 2, 3))
+        poses = np.tile(np.eye(4), (len(bounds), 1, 1))
+        poses[:, :3, :3] = Rotation.from_quat(recording.poses[:, [4, 5, 6, 3]]).as_matrix()
+        poses[:, :3, 3] = recording.poses[:, :3]
+        for item in np.unique(recording.rows[:, 1]).tolist():
+            mine = recording.rows[:, 1] == item
+            bounds[mine] = self._bodies[self._fixed + item].bounds(poses[mine])
+        return bounds
+
+    def move(self, items: npt.NDArray[np.int64], poses: Floats, bounds: Floats) -> None:
+        """Put items somewhere else."""
+        self._poses[self._fixed + items], self._bounds[self._fixed + items] = poses, bounds
+
+    def item(self, number: int) -> _There:
+        """Return an item where it is."""
+        return self._there(self._fixed + number)
+
+    def near(self, moving: Floats, besides: int | None = None) -> Iterator[tuple[int, _There]]:
+        """Yield what each of some moving boxes (n, 2, 3) may touch, besides an item."""
+        low, high = moving[:, None, 0], moving[:, None, 1]
+        overlap = (low <= self._bounds[:, 1]) & (self._bounds[:, 0] <= high)
+        for n, other in np.argwhere(overlap.all(axis=2)).tolist():
+            if besides is None or other != self._fixed + besides:
+                yield n, self._there(other)
+
+    def _there(self, number: int) -> _There:
+        x, y, z, *wxyz = self._poses[number].tolist()
+        return _There(self._bodies[number], Motion.from_wxyz(tuple(wxyz), np.array((x, y, z))))
 
 
 def largest_penetration(trajectory: Trajectory) -> float:
@@ -81,11 +132,9 @@ def largest_penetration(trajectory: Trajectory) -> float:
         one of 26 directions separates them, or else the shift that separates their boxes.
     """
     cell = trajectory.cell
-    surroundings = [_There(body, Motion()) for body in _surroundings(cell, trajectory)]
+    around = _Surroundings(trajectory)
     arm = arm_of(cell, trajectory.cells)
     links = [_Body(_scaled(body, 1 / cell.edge)) for body in arm.bodies]
-    bodies = [_Body(one.chosen.item.turned(0).mesh) for one in trajectory.attempts]
-    known: dict[int, _There] = {}
     deepest = 0.0
     for number, attempt in enumerate(trajectory.attempts):
         own = attempt.recording
@@ -93,43 +142,25 @@ def largest_penetration(trajectory: Trajectory) -> float:
             continue
         cup = _Body(_cup(own.radius / cell.edge, CUP / cell.edge))
         starts = np.searchsorted(own.rows[:, 0], np.arange(len(own.joints) + 1))
-        tested: tuple[bytes, ...] = ()
+        bounds = around.rows(own)
+        poses = arm.matrices(own.joints)
+        poses[..., :3, 3] /= cell.edge
+        moved = np.stack([body.bounds(poses[:, n]) for n, body in enumerate((*links, cup))], axis=1)
+        tested = b""
         for step, joints in enumerate(own.joints):
-            for row in range(starts[step], starts[step + 1]):
-                item = int(own.rows[row, 1])
-                known[item] = _There(bodies[item], _motion(own.poses[row]))
-            state = (joints.tobytes(), own.poses[starts[step] : starts[step + 1]].tobytes())
-            if state == tested or (tested and state[0] == tested[0] and not state[1]):
+            rows = slice(starts[step], starts[step + 1])
+            if rows.start == rows.stop and joints.tobytes() == tested:
                 continue
-            tested = state
-            moving = [
-                _There(body, pose.at(pose.translation / cell.edge))
-                for body, pose in zip((*links, cup), arm.poses(joints), strict=True)
-            ]
-            is_held = own.held[0] <= step < own.held[1]
-            others = [there for n, there in known.items() if not (is_held and n == number)]
-            if is_held:
-                held = known[number]
-                for one, other in _near([held], (*others, *surroundings)):
-                    deepest = one.depth(other, deepest)
-                others.append(held)
-            for one, other in _near(moving, (*others, *surroundings)):
+            tested = joints.tobytes()
+            around.move(own.rows[rows, 1], own.poses[rows], bounds[rows])
+            if own.held[0] <= step < own.held[1]:
+                held = around.item(number)
+                for _, other in around.near(held.bounds[None], besides=number):
+                    deepest = held.depth(other, deepest)
+            for n, other in around.near(moved[step]):
+                one = _There((*links, cup)[n], Motion.from_matrix(poses[step, n]))
                 deepest = one.depth(other, deepest)
     return deepest
-
-
-def _near(moving: Sequence[_There], others: Sequence[_There]) -> Iterator[tuple[_There, _There]]:
-    """Yield the pairs whose boxes overlap."""
-    low, high = np.moveaxis(np.array([one.bounds for one in moving]), 1, 0)
-    other_low, other_high = np.moveaxis(np.array([one.bounds for one in others]), 1, 0)
-    overlap = (low[:, None] <= other_high).all(axis=2) & (other_low <= high[:, None]).all(axis=2)
-    for i, j in np.argwhere(overlap).tolist():
-        yield moving[i], others[j]
-
-
-def _motion(row: Floats) -> Motion:
-    w, x, y, z = row[3:].tolist()
-    return Motion.from_wxyz((w, x, y, z), row[:3])
 
 
 def _scaled(mesh: trimesh.Trimesh, scale: float) -> trimesh.Trimesh:
@@ -143,7 +174,7 @@ def _cup(radius: float, height: float) -> trimesh.Trimesh:
     return mesh
 
 
-def _surroundings(cell: RobotCell, trajectory: Trajectory) -> list[_Body]:
+def _fixed_bodies(trajectory: Trajectory) -> list[_Body]:
     """Return the four walls, and the table with the floor of the box."""
     ends = [*walls(trajectory.cells).values(), ((-20, -20, -1), (20, 20, 0))]
     return [_Body(trimesh.creation.box(bounds=np.array(end, dtype=float))) for end in ends]

@@ -112,7 +112,7 @@ def execute_plan(
 
 
 def _longest(posed: PosedItem) -> float:
-    return float(np.ptp(posed.vertices, axis=0).max())
+    return float(np.ptp(posed.bounds, axis=0).max())
 
 
 def _lowered(
@@ -124,10 +124,10 @@ def _lowered(
     all of the places.
     """
     size = np.array(cells) * CELL
-    low, high = wanted.vertices.min(axis=0), wanted.vertices.max(axis=0)
+    low, high = wanted.bounds
     steps = np.arange(-SHIFT, SHIFT + _SHIFT_STEP / 2, _SHIFT_STEP) / cell.edge
     shifts = sorted(product(steps.tolist(), repeat=2), key=lambda shift: np.hypot(*shift))
-    top = max([float(size[2]), *(float(one.vertices[:, 2].max()) for one in known)])
+    top = max([float(size[2]), *(float(one.bounds[1, 2]) for one in known)])
     raised = wanted.moved(Motion.shift((0.0, 0.0, top - low[2])))
     best, least = wanted, float(size[2]) + INSIDE / cell.edge - float(high[2] - low[2])
     for shift in shifts[:1] if cell.open_loop else shifts:
@@ -156,8 +156,6 @@ def _moved_in(
     for height in np.arange(0.0, SHIFT, _SHIFT_STEP / 2).tolist():
         posed = wanted.moved(Motion.shift((0.0, 0.0, (height + cell.gap) / cell.edge)))
         if insertion_shifts(known, posed, grasp, cell=cell, cells=cells) is not None:
-            fall = min(
-                [float(posed.vertices[:, 2].min()), *(placement.free_way(posed, o) for o in known)]
-            )
+            fall = min([float(posed.bounds[0, 2]), *(placement.free_way(posed, o) for o in known)])
             return posed.moved(Motion.shift((0.0, 0.0, -fall)))
     return None

@@ -97,7 +97,7 @@ def resting_rotation(item: Item, cell: RobotCell) -> Floats:
     quaternion = rng.normal(size=4)
     w, x, y, z = (quaternion / np.linalg.norm(quaternion)).tolist()
     start = PosedItem.at(item.turned(0), Motion.from_wxyz((w, x, y, z), np.zeros(3)))
-    middle, lowest = _TABLE / 200, float(start.vertices[:, 2].min())
+    middle, lowest = _TABLE / 200, float(start.bounds[0, 2])
     start = start.moved(Motion.shift((middle, middle, _FALL - lowest)))
     (rested,) = settle(BoxState((_TABLE, _TABLE, _TABLE), (start,)), cell.world).items
     return rested.posed.pose.rotation

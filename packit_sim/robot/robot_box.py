@@ -183,6 +183,6 @@ class RobotBox(BaseBox[Any]):
     def _lowered(self, candidate: PlacedItem) -> PosedItem:
         """Return an item straight below its location, where it touches what masks know of."""
         posed = PosedItem.of(candidate)
-        below = [float(posed.vertices[:, 2].min())]
+        below = [float(posed.bounds[0, 2])]
         below += [placement.free_way(candidate, other) for other in self._occupancy.placed]
         return posed.moved(Motion.shift((0.0, 0.0, -max(min(below), 0.0))))

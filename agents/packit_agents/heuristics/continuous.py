@@ -36,7 +36,7 @@ class RandomPose:
         for _ in range(self.tries):
             w, x, y, z = _unit(rng.normal(size=4))
             turned = PosedItem.at(episode.item, Motion.from_wxyz((w, x, y, z)))
-            low, high = turned.vertices.min(axis=0), turned.vertices.max(axis=0)
+            low, high = turned.bounds
             if (high - low > size).any():
                 continue
             at = rng.uniform(-low, size - high)

@@ -16,7 +16,7 @@ from packit_agents.placements.free_space import FreeSpace
 from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import Placements, choose, placements
 from packit_agents.placements.scored_layout import Scorer
-from packit_agents.placements.stable_choice import choose_stable
+from packit_agents.placements.stable_choice import StableChoice
 from packit_sim.core.assets import assets_folder
 from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.placement import ItemInBox
@@ -58,7 +58,7 @@ class Planner:
     scorer : callable
         Scores the placements.
     stable : bool, default: False
-        Whether it prefers placements that disturb nothing (see `choose_stable`).
+        Whether it prefers placements that disturb nothing (see `StableChoice`).
     """
 
     def __init__(self, scorer: Scorer, stable: bool = False) -> None:
@@ -85,11 +85,11 @@ class Planner:
             known.advance(episode, placed)
         last = known.last
         if last is None or not _agree(last.found, episode)[last.chosen]:
-            known.last = self._compare(episode.visible, known.space, episode)
+            known.last = self._compare(episode.visible, known, episode)
             if known.last is None and episode.stage is not Stage.SHAPE:
                 # The chosen shape is none of the largest.
                 alone = np.arange(len(episode.visible)) == episode.shape
-                known.last = self._compare(alone, known.space, episode)
+                known.last = self._compare(alone, known, episode)
         return known.last
 
     def scores(self, episode: Episode) -> ActionScores:
@@ -120,9 +120,9 @@ class Planner:
         return by_weight(weights * valid)
 
     def _compare(
-        self, items: npt.NDArray[np.bool_], space: FreeSpace, episode: Episode
+        self, items: npt.NDArray[np.bool_], known: _Known, episode: Episode
     ) -> ComparedPlacements | None:
-        while len(found := placements(episode.box, space, items)):
+        while len(found := placements(episode.box, known.space, items)):
             agree = _agree(found, episode)
             if not agree.any():
                 break
@@ -130,7 +130,7 @@ class Planner:
             order = (n for n in np.argsort(-scores, kind="stable").tolist() if agree[n])
             feasible = (n for n in order if found.is_feasible(n, episode.box))
             if self._stable:
-                chosen = choose_stable(found, feasible, episode.box)
+                chosen = known.choice(found, feasible, episode.box)
             else:
                 chosen = choose(found, feasible)
             if chosen is not None:
@@ -139,11 +139,12 @@ class Planner:
 
 
 class _Known:
-    """The cached values of an episode: the free space, and the last comparison."""
+    """What is kept of an episode: the free space, the last comparison, and what foresight cost."""
 
     def __init__(self) -> None:
         self.placed: tuple[ItemInBox, ...] | None = None
         self.last: ComparedPlacements | None = None
+        self.choice = StableChoice()
         self._spaces: list[tuple[tuple[ItemInBox, ...], FreeSpace]] = []
 
     @property
