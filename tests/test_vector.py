@@ -164,9 +164,14 @@ def test_processes_with_several_environments_play_as_one_process_does() -> None:
 
 
 def equal(one: object, other: object) -> bool:
-    """Compare arrays, also those in mappings and in arrays of objects."""
+    """Compare arrays, also those in mappings and in arrays of objects.
+
+    Comparisons of meshes are not counted where one vector shares its process, and so the engine's
+    caches, with the other.
+    """
     if isinstance(one, dict):
-        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
+        compared = one.keys() - {"mesh_comparisons"}
+        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in compared)
     if isinstance(one, np.ndarray) and one.dtype == object:
         return len(one) == len(other) and all(map(equal, one, other))
     return np.array_equal(one, other)

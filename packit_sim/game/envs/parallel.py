@@ -11,7 +11,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector import SyncVectorEnv, VectorEnv
 from gymnasium.vector.utils import (
     CloudpickleWrapper,
     batch_space,
@@ -29,10 +29,11 @@ _PATIENCE = 5.0
 
 
 class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
-    """Vectors of environments, each in a process of its own, as one vector.
+    """Vectors of environments as one: the first in this process, each other in one of its own.
 
     A message to a process costs about as much as a step of an environment. So a process has several
-    environments, and all of their steps take one message; observations are in shared memory.
+    environments, and all of their steps take one message; observations are in shared memory. This
+    process would otherwise only wait.
 
     Parameters
     ----------
@@ -40,24 +41,19 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
         Each makes the vector of one process, in that process.
     counts : sequence of int
         The number of environments of each.
-    example : gymnasium.Env
-        An environment with their spaces.
-    autoreset_mode : str
-        When they are reset (see `make_vec`).
     """
 
     def __init__(
         self,
         makers: Sequence[Callable[[], SyncVectorEnv]],
         counts: Sequence[int],
-        example: gym.Env[Any, Any],
-        autoreset_mode: str = "NextStep",
     ) -> None:
+        own = makers[0]()
         self.num_envs = sum(counts)
-        self.metadata = {**example.metadata, "autoreset_mode": AutoresetMode(autoreset_mode)}
-        self.render_mode = example.render_mode
-        self.single_observation_space = example.observation_space
-        self.single_action_space = example.action_space
+        self.metadata = own.metadata
+        self.render_mode = own.render_mode
+        self.single_observation_space = own.single_observation_space
+        self.single_action_space = own.single_action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._counts = tuple(counts)
@@ -70,7 +66,7 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
         self._seen = read_from_shared_memory(shared[0], self._memory, shared[1])
         self._pipes: list[Connection] = []
         self._processes = []
-        for maker, rows in zip(makers, self._rows, strict=True):
+        for maker, rows in zip(makers[1:], self._rows[1:], strict=True):
             pipe, other = context.Pipe()
             job = CloudpickleWrapper(maker)  # type: ignore[type-var] # any callable
             given = job, other, shared[0], self._memory, shared[1], rows
@@ -79,6 +75,7 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
             other.close()
             self._pipes.append(pipe)
             self._processes.append(process)
+        self._own = _joining(own, self._seen, self._rows[0])
 
     def reset(
         self,
@@ -112,7 +109,7 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of each environment, or read an attribute."""
-        found = self._ask("call", [(name, args, kwargs)] * len(self._pipes))
+        found = self._ask("call", [(name, args, kwargs)] * len(self._rows))
         return tuple(value for values in found for value in values)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
@@ -126,7 +123,8 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
         self._ask("set_attr", [(name, list(values[rows])) for rows in self._rows])
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the processes."""
+        """Close the environments of this process, and end the others."""
+        self._own.close()
         for pipe, process in zip(self._pipes, self._processes, strict=True):
             if process.is_alive():
                 with contextlib.suppress(OSError):
@@ -137,11 +135,12 @@ class ParallelVectorEnv(VectorEnv[Any, Any, Any]):
             pipe.close()
 
     def _ask(self, command: str, values: Sequence[Any]) -> list[Any]:
-        """Send a command to each process, and return the answers; raise the first error."""
-        for pipe, value in zip(self._pipes, values, strict=True):
+        """Send a command to each process, and return all answers; raise the first error."""
+        for pipe, value in zip(self._pipes, values[1:], strict=True):
             with contextlib.suppress(OSError):  # a process that has ended does not answer either
                 pipe.send((command, value))
-        found, errors = [], []
+        answer, error = _answered(self._own, command, values[0])
+        found, errors = [answer], [error]
         for process, pipe in zip(self._processes, self._pipes, strict=True):
             try:
                 answer, error = pipe.recv()
@@ -199,10 +198,7 @@ def _serve(
     """Make a vector, and do what is asked, until the end."""
     seen = read_from_shared_memory(space, memory, total)
     try:
-        envs = maker()
-        # Gymnasium then joins observations in the shared memory, and copies them nowhere else.
-        envs.copy = False
-        envs._observations = _each(lambda batch: batch[rows], seen)
+        envs = _joining(maker(), seen, rows)
     except Exception as error:
         pipe.recv()
         pipe.send((None, error))
@@ -212,14 +208,26 @@ def _serve(
             command, value = pipe.recv()
             if command == "close":
                 return
-            try:
-                pipe.send((_answer(envs, command, value), None))
-            except Exception as error:
-                pipe.send((None, error))
+            pipe.send(_answered(envs, command, value))
     except (EOFError, KeyboardInterrupt):
         return
     finally:
         envs.close()
+
+
+def _joining(envs: SyncVectorEnv, seen: Observations, rows: slice) -> SyncVectorEnv:
+    """Let Gymnasium join observations in the shared memory, and copy them nowhere else."""
+    envs.copy = False
+    envs._observations = _each(lambda batch: batch[rows], seen)
+    return envs
+
+
+def _answered(envs: SyncVectorEnv, command: str, value: Any) -> tuple[Any, Exception | None]:
+    """Return the answer to a command, and the error that it raised."""
+    try:
+        return _answer(envs, command, value), None
+    except Exception as error:
+        return None, error
 
 
 def _answer(envs: SyncVectorEnv, command: str, value: Any) -> Any:

@@ -133,7 +133,7 @@ def make_vec(
         steps are slow. By default the first, and "sync" for PackItContinuous-v0, which has
         no `PackItVectorEnv`.
     workers : int
-        The number of processes of "parallel"; 0: one for each core.
+        The number of processes of "parallel", with this one; 0: one for each core.
     autoreset_mode : str or AutoresetMode
         "NextStep": the step after the last of an episode resets, and its action is ignored;
         "SameStep": the last step resets, and `infos` has "final_obs" and "final_info"; "Disabled":
@@ -230,11 +230,7 @@ def _parallel(
     shares = np.array_split(np.arange(len(settings)), min(workers, len(settings)))
     own = [[settings[n] for n in share.tolist()] for share in shares]
     makers = [partial(_of_process, name, each, autoreset_mode, wrappers) for each in own]
-    example = _wrapped(name, wrappers, settings[0])
-    try:
-        return ParallelVectorEnv(makers, [len(each) for each in own], example, autoreset_mode)
-    finally:
-        example.close()
+    return ParallelVectorEnv(makers, [len(each) for each in own])
 
 
 def _of_process(
