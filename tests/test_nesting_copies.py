@@ -56,7 +56,7 @@ def test_the_same_search_finds_the_same_packing(only_blocks) -> None:
 
 def test_a_search_goes_on_from_a_packing(only_blocks) -> None:
     first = packed(90, iterations=100)[-1]
-    last = packed(90, start=first, iterations=200)[-1]
+    last = packed(90, start=first, iterations=400)[-1]
     assert len(last.placements) > len(first.placements) and last.problems() == []
 
 

@@ -40,6 +40,13 @@ CROSSING = 2.0
 Points that are deep in a thin item do not say how far the way out is.
 """
 
+NEGLIGIBLE = 1e-9
+"""Voxels of depth up to which a pair does not overlap.
+
+A margin is often exactly a distance that was measured, and rounding then leaves an overlap that no
+move can remove.
+"""
+
 DOUBT = 0.3
 """Voxels of depth by points up to which surfaces decide if an item is inside a hollow one.
 
@@ -129,7 +136,7 @@ def fine_cost(problem, state, i, o, p, limit):
             continue
         distance, gx, gy, gz = distance_of(problem, state, i, o, p, j)
         depth = state.margins[i, j] - distance
-        if depth <= 0:
+        if depth <= NEGLIGIBLE:
             continue
         state.depths[j] = depth
         factor = state.weights[i, j] * lookup.sizes[a] * lookup.sizes[state.types[j]]

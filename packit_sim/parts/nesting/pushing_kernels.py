@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import inlined
-from packit_sim.parts.nesting.cost_kernels import distance_of, update_overlaps
+from packit_sim.parts.nesting.cost_kernels import NEGLIGIBLE, distance_of, update_overlaps
 from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, apart, clamp, put
 
 SWEEPS = 30
@@ -58,7 +58,7 @@ def push_apart(problem, state, boxes):
                 distance, gx, gy, gz = distance_of(problem, state, i, o, state.places[i], j)
                 depth = state.margins[i, j] - distance
                 square = gx * gx + gy * gy + gz * gz
-                if depth <= 0 or square == 0:  # no direction: this pair is left to the moves
+                if depth <= NEGLIGIBLE or square == 0:  # no direction: left to the moves
                     continue
                 total += depth * lookup.sizes[state.types[i]] * lookup.sizes[state.types[j]]
                 share = PUSH if i < state.movable else 2 * PUSH

@@ -176,7 +176,7 @@ class SearchSettings:
     shrink_decay: float = 0.7
     restart_probability: float = 0.3
     full_shrink: float = 0.01
-    more_space: float = 0.02
+    more_space: float = 0.15
     max_inserted: int = 3
     max_removed: int = 2
     exchange_gain: tuple[float, float] = (1e-9, 0.05)

@@ -25,8 +25,8 @@ class StripSearch(NestSearch):
 
     Algorithm: strip packing as a sequence of separations at decreasing heights (Egeblad et al.,
     2009). As in sparrow (Gardeyn et al., 2025), the attempt after a failure continues from the
-    failed poses, disrupted by exchanging two large items. Our own are the step sizes, which adapt
-    to successes and failures, and the strip's growth when more items join.
+    failed poses, disrupted by exchanging two large items that differ. Our own are the step sizes,
+    which adapt to successes and failures, and the strip's growth when more items join.
     """
 
     def __init__(self, task: SearchTask, seed: int) -> None:
@@ -65,17 +65,21 @@ class StripSearch(NestSearch):
             least = self._least_height()
             self._target = max(self._height * (1 - self._shrink), least)
         start = self._failed or self._current
-        if self._failed and self._has_space:
+        is_disrupted = self._failed is not None and self._has_space
+        if is_disrupted:
             restarts = self._choices.random() < settings.restart_probability
             start = self._current if restarts else start
         assert start is not None
         boxes = self._boxes(self._target)
-        later = self._later if self._failed and self._has_space else ()
+        later = self._later if is_disrupted else ()
         attempt = Separation(self._task, start, boxes, settings.patience, later)
-        largest = self._items[: max(2, len(self._items) // 2)]
-        if self._failed and self._has_space and len(largest) > 1:
-            i, j = self._choices.choice(largest, 2, replace=False)
-            attempt.swap(int(i), int(j))
+        if is_disrupted:
+            largest = self._items[: max(2, len(self._items) // 2)]
+            i = int(self._choices.choice(largest))
+            kinds = np.column_stack((self._task.numbers[largest], attempt.least.turned[largest]))
+            others = largest[(kinds != kinds[largest == i]).any(axis=1)]
+            if len(others):
+                attempt.swap(i, int(self._choices.choice(others)))
         return attempt
 
     def _end(self, problem: Problem, best: Solution, attempt: Attempt, is_apart: bool) -> None:
@@ -112,8 +116,8 @@ class StripSearch(NestSearch):
         assert start is not None
         volumes = self._task.volumes
         more = float(volumes[self._items].sum() / volumes[old].sum())
-        self._target = max(height * more, self._least_height())
         self._more_space = self._task.settings.more_space
+        self._target = max(height * more * (1 + self._more_space), self._least_height())
         self._shrink = self._task.settings.shrink / 2
         self._failed = None
         self._has_space = False

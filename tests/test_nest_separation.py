@@ -1,0 +1,63 @@
+"""Attempts of a search for a strip: what is no overlap, and how one follows from the last."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from trimesh import creation
+
+from packit_sim import ItemType, NestSettings, nest
+from packit_sim.parts.nesting.build import build
+from packit_sim.parts.nesting.conflict_kernels import load
+from packit_sim.parts.nesting.filling import loaded
+from packit_sim.parts.nesting.problem import boxes_of
+from packit_sim.parts.nesting.separation import Separation
+from packit_sim.parts.nesting.settings import SearchSettings
+from packit_sim.parts.nesting.strips import StripSearch
+from packit_sim.parts.nesting.tasks import Poses, SearchTask
+
+
+@pytest.mark.parametrize(("more", "overlaps"), [(0.0, False), (1e-12, False), (1e-6, True)])
+def test_what_rounding_leaves_of_a_margin_is_no_overlap(more, overlaps) -> None:
+    cube = creation.box((1, 1, 1))
+    problem = build([ItemType("cube", cube.vertices, cube.faces)], 4.0, 0.0)
+    task = SearchTask(np.zeros(2, np.int64), np.ones(2), np.ones(2), ((4.0, 4.0, 4.0),))
+    places = np.array([(1.0, 1.0, 1.0), (1.99, 1.0, 1.0)])
+    poses = Poses(np.ones(2, np.int64), np.zeros(2, np.int64), places)
+    boxes = boxes_of(task.sizes)
+    state = loaded(problem, task, poses, boxes)
+    assert state.overlaps[0, 1] > 0.01
+    state.margins[:] = more - state.overlaps[0, 1]
+    load(problem, state, poses.turned, poses.places, boxes, False)
+    assert (state.overlaps[0, 1] > 0) == overlaps
+
+
+def test_a_failed_attempt_is_disrupted_by_exchanging_two_items_that_differ(monkeypatch) -> None:
+    begun = StripSearch._begun
+    exchanged = []
+
+    def begin(search: StripSearch, *arguments: Any) -> Separation:
+        failed, has_space = search._failed, search._has_space
+        attempt = begun(search, *arguments)
+        if failed is not None and has_space:
+            starts = [one.places for one in (failed, search._current) if one is not None]
+            moved = [(attempt.least.places != start).any(axis=1) for start in starts]
+            (pair,) = (np.flatnonzero(each) for each in moved if each.sum() == 2)
+            kinds = np.column_stack((search._task.numbers, attempt.least.turned))[pair]
+            assert (kinds[0] != kinds[1]).any()
+            exchanged.append(pair)
+        return attempt
+
+    monkeypatch.setattr(StripSearch, "_begun", begin)
+    meshes = [
+        creation.annulus(0.6, 1, 0.5, sections=8),
+        creation.cone(0.8, 1.2, sections=7),
+        creation.box((1.2, 0.9, 0.8)),
+    ]
+    types = [ItemType(f"{n}", mesh.vertices, mesh.faces, demand=3) for n, mesh in enumerate(meshes)]
+    search = SearchSettings(shrink=0.3)  # steps that mostly fail
+    settings = NestSettings(workers=1, iterations=600, search=search)
+    nest(types, (3, 3, np.inf), "strip", seed=1, settings=settings)
+    assert exchanged
