@@ -34,6 +34,7 @@ from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.world import World, pybullet_module
 from packit_sim.render import robot_films
+from packit_sim.robot import penetration
 from packit_sim.robot.arm import Route, ToolPath
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import RobotCell, SuctionGripper
@@ -156,7 +157,9 @@ def test_a_film_shows_the_arm_and_each_item_once_it_is_presented(box: RobotBox) 
         robot_films.executing(trajectory, fps=0)
 
 
-def test_a_penetration_is_found() -> None:
+@pytest.mark.parametrize("block", [7, 2_000])
+def test_a_penetration_is_found(monkeypatch, block) -> None:
+    monkeypatch.setattr(penetration, "_BLOCK", block)
     box = RobotBox(CELLS, CELL)
     box.put(ITEMS[0], (0, 0, 0))
     (one,) = box.placed

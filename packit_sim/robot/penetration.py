@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.physics.penetration import DEPTHS, DIRECTIONS
 from packit_sim.placement import LooseMesh
-from packit_sim.robot.arm import CUP
+from packit_sim.robot.arm import CUP, Arm
 from packit_sim.robot.arms import arm_of
 from packit_sim.robot.cell import walls
 from packit_sim.robot.recording import Recording
@@ -25,6 +25,9 @@ _SIDES = 48
 
 _SLACK = 1e-9
 """Box units by which boxes around bodies are larger."""
+
+_BLOCK = 2_000
+"""Poses that are computed together: those of a whole long recording would take gigabytes."""
 
 
 class _Body:
@@ -72,7 +75,7 @@ class _There:
 
 
 class _Surroundings:
-    """What stands around the arm: walls, floor and table, and the items where they are now."""
+    """Bodies around the arm: walls, floor and table, and the items where they are now."""
 
     def __init__(self, trajectory: Trajectory) -> None:
         self._bodies = _fixed_bodies(trajectory)
@@ -87,12 +90,15 @@ class _Surroundings:
     def rows(self, recording: Recording) -> Floats:
         """Return boxes (n, 2, 3) around the recorded items at their recorded poses."""
         bounds = np.empty((len(recording.rows), 2, 3))
-        poses = np.tile(np.eye(4), (len(bounds), 1, 1))
-        poses[:, :3, :3] = Rotation.from_quat(recording.poses[:, [4, 5, 6, 3]]).as_matrix()
-        poses[:, :3, 3] = recording.poses[:, :3]
-        for item in np.unique(recording.rows[:, 1]).tolist():
-            mine = recording.rows[:, 1] == item
-            bounds[mine] = self._bodies[self._fixed + item].bounds(poses[mine])
+        for first in range(0, len(bounds), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            items, recorded = recording.rows[block, 1], recording.poses[block]
+            poses = np.tile(np.eye(4), (len(items), 1, 1))
+            poses[:, :3, :3] = Rotation.from_quat(recorded[:, [4, 5, 6, 3]]).as_matrix()
+            poses[:, :3, 3] = recorded[:, :3]
+            for item in np.unique(items).tolist():
+                mine = items == item
+                bounds[block][mine] = self._bodies[self._fixed + item].bounds(poses[mine])
         return bounds
 
     def move(self, items: npt.NDArray[np.int64], poses: Floats, bounds: Floats) -> None:
@@ -140,14 +146,12 @@ def largest_penetration(trajectory: Trajectory) -> float:
         own = attempt.recording
         if not len(own.joints):
             continue
-        cup = _Body(_cup(own.radius / cell.edge, CUP / cell.edge))
+        bodies = [*links, _Body(_cup(own.radius / cell.edge, CUP / cell.edge))]
         starts = np.searchsorted(own.rows[:, 0], np.arange(len(own.joints) + 1))
         bounds = around.rows(own)
-        poses = arm.matrices(own.joints)
-        poses[..., :3, 3] /= cell.edge
-        moved = np.stack([body.bounds(poses[:, n]) for n, body in enumerate((*links, cup))], axis=1)
+        moving = _moving(arm, bodies, own.joints, cell.edge)
         tested = b""
-        for step, joints in enumerate(own.joints):
+        for step, (joints, (poses, boxes)) in enumerate(zip(own.joints, moving, strict=True)):
             rows = slice(starts[step], starts[step + 1])
             if rows.start == rows.stop and joints.tobytes() == tested:
                 continue
@@ -157,10 +161,21 @@ def largest_penetration(trajectory: Trajectory) -> float:
                 held = around.item(number)
                 for _, other in around.near(held.bounds[None], besides=number):
                     deepest = held.depth(other, deepest)
-            for n, other in around.near(moved[step]):
-                one = _There((*links, cup)[n], Motion.from_matrix(poses[step, n]))
+            for n, other in around.near(boxes):
+                one = _There(bodies[n], Motion.from_matrix(poses[n]))
                 deepest = one.depth(other, deepest)
     return deepest
+
+
+def _moving(
+    arm: Arm, bodies: Sequence[_Body], joints: Floats, edge: float
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield for each position of the joints the poses of bodies, and the boxes around them."""
+    for first in range(0, len(joints), _BLOCK):
+        poses = arm.matrices(joints[first : first + _BLOCK])
+        poses[..., :3, 3] /= edge
+        boxes = [body.bounds(poses[:, n]) for n, body in enumerate(bodies)]
+        yield from zip(poses, np.stack(boxes, axis=1), strict=True)
 
 
 def _scaled(mesh: trimesh.Trimesh, scale: float) -> trimesh.Trimesh:

@@ -139,7 +139,7 @@ class Planner:
 
 
 class _Known:
-    """What is kept of an episode: the free space, the last comparison, and what foresight cost."""
+    """The cache of an episode: the free space, the last comparison, and the cost of foresight."""
 
     def __init__(self) -> None:
         self.placed: tuple[ItemInBox, ...] | None = None

@@ -98,7 +98,8 @@ class SearchSettings:
     full_shrink : float
         Shrinkage below which more items are added to a strip.
     more_space : float
-        Share by which a strip grows if added items find no place; twice as much the next time.
+        Share by which a strip grows for added items, besides their volume, and again if they find
+        no place; twice as much the next time.
     max_inserted, max_removed : int
         Maximum numbers of items of an exchange that come into a knapsack, and that go.
     exchange_gain : tuple of float
