@@ -55,9 +55,10 @@ def _campaign(name: str, options: str = "", page: str = "") -> Campaign:
     return Campaign(f"{module} {options} --out OUT", _ALL, page or name, f"{module} --table")
 
 
-def _mutants(name: str, group: str, *measures: str) -> Campaign:
+def _mutants(name: str, group: str, seed: int, *measures: str) -> Campaign:
+    """Return the campaign of a group's mutants, drawn from a seed."""
     module = f"campaigns.mutants --of {group}"
-    command = f"{module} --seed 1 --count 400 --out OUT/{name}.json"
+    command = f"{module} --seed {seed} --count 400 --out OUT/{name}.json"
     own = (*measures, f"packit_sim/{group}", "tests")
     return Campaign(command, own, "mutants", f"{module} --table")
 
@@ -76,8 +77,8 @@ CAMPAIGNS = {
     "forgeries": _campaign("forgeries", "--forgeries 100000"),
     "requests": _campaign("requests", "--requests 10000"),
     "growth": _campaign("growth"),
-    "mutants": _mutants("mutants", "game", *_GROUND, "packit_sim/box.py", "packit_sim/rules.py"),
-    "mutants-parts": _mutants("mutants-parts", "parts"),
+    "mutants": _mutants("mutants", "game", 1, *_GROUND, "packit_sim/box.py", "packit_sim/rules.py"),
+    "mutants-parts": _mutants("mutants-parts", "parts", 3),
     "soak": _campaign("soak", "--episodes 9000 --seed 1"),
 }
 """All campaigns: a night on two cores."""
