@@ -3,15 +3,16 @@
     .venv/bin/python -m benchmarks.env
 
 Random valid actions on the starter packs, after one warm-up episode for each task. With `--vectors`
-it measures `make_vec` instead: one environment in this process, next to environments in two
-processes, and in a process each. Prints a table, and writes `env.json` or `env_vectors.json` in
-`benchmarks/results`.
+it measures `make_vec` instead, in turns: one environment in this process, and environments in two
+processes and in a process each; `--seconds 1` is enough. Prints a table, and writes `env.json` or
+`env_vectors.json` in `benchmarks/results`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
@@ -44,12 +45,14 @@ VECTORS: dict[str, tuple[int, dict[str, Any]]] = {
     "8 in this process": (8, {}),
     "8 in 2 processes": (8, {"vectorization_mode": "parallel", "workers": 2}),
     "32 in 2 processes": (32, {"vectorization_mode": "parallel", "workers": 2}),
+    "64 in 2 processes": (64, {"vectorization_mode": "parallel", "workers": 2}),
     "2 in processes": (2, {"vectorization_mode": "async"}),
     "8 in processes": (8, {"vectorization_mode": "async"}),
 }
 """Numbers of environments, and settings of `make_vec`."""
 
-ROUNDS = 3
+ROUNDS = 30
+"""Stretches of time of each vector."""
 
 WARM_UP = 10
 """Episodes of each environment before its steps count."""
@@ -77,13 +80,11 @@ def steps_a_second(settings: dict[str, Any], seconds: float, seed: int) -> tuple
     return taken / (time.perf_counter() - started), taken
 
 
-def vector_steps_a_second(name: str, seconds: float, seed: int) -> float:
-    """Measure steps per second of one of `VECTORS` whose environments choose shapes by features.
+def vector_rates(name: str, seconds: float, seed: int) -> Generator[float, None, None]:
+    """Yield the steps per second of one of `VECTORS`, in one stretch of time after another.
 
-    Returns
-    -------
-    float
-        The rate, of all environments together, resets included.
+    Its environments choose shapes by features. Steps are those of all environments together, resets
+    included.
     """
     count, how = VECTORS[name]
     settings, _ = CASES["shape selection, features"]
@@ -99,29 +100,36 @@ def vector_steps_a_second(name: str, seconds: float, seed: int) -> float:
     rng = np.random.default_rng(seed)
     with contextlib.closing(envs):
         seen, _ = envs.reset(seed=seed)
-        taken, ended, started = 0, 0, 0.0
-        while not started or time.perf_counter() - started < seconds:
-            weights = rng.random(seen["action_mask"].shape) * seen["action_mask"]
-            seen, _, over, *_ = envs.step(weights.argmax(axis=1))
-            ended += int(over.sum())
-            taken += envs.num_envs
-            if not started and ended >= WARM_UP * envs.num_envs:
-                taken, started = 0, time.perf_counter()
-        return taken / (time.perf_counter() - started)
+        ended = 0
+        while True:
+            taken, started = 0, time.perf_counter()
+            while ended < WARM_UP * envs.num_envs or time.perf_counter() - started < seconds:
+                weights = rng.random(seen["action_mask"].shape) * seen["action_mask"]
+                seen, _, over, *_ = envs.step(weights.argmax(axis=1))
+                ended += int(over.sum())
+                taken += envs.num_envs
+            yield taken / (time.perf_counter() - started)
 
 
 def measure_vectors(seconds: float, seed: int) -> dict[str, Any]:
-    """Measure one environment and several processes, in turns, and return medians of the rates."""
-    rates: dict[str, list[float]] = {name: [] for name in VECTORS}
-    for round_ in range(ROUNDS):
-        for name, found in rates.items():
-            found.append(vector_steps_a_second(name, seconds, seed + round_))
-    table = Table("environments", "steps/s", "times one")
+    """Measure all vectors in turns, and return their rates relative to one environment's.
+
+    The machine's speed changes within seconds, so that the stretches are short, and many.
+    """
+    measured = {name: vector_rates(name, seconds, seed) for name in VECTORS}
+    for rates in measured.values():
+        next(rates)  # the warm-up
+    rounds = [{name: next(rates) for name, rates in measured.items()} for _ in range(ROUNDS)]
+    table = Table("environments", "steps/s", "times one", "middle half")
     result = {}
-    for name, found in rates.items():
-        times = [rate / one for rate, one in zip(found, rates["one"], strict=True)]
+    for name, rates in measured.items():
+        rates.close()
+        found = [each[name] for each in rounds]
+        times = [each[name] / each["one"] for each in rounds]
         result[name] = {"steps/s": found, "times one": times}
-        table.add_row(name, f"{np.median(found):.0f}", f"{np.median(times):.2f}")
+        low, high = np.percentile(times, (25, 75))
+        middle = f"{low:.2f} to {high:.2f}"
+        table.add_row(name, f"{np.median(found):.0f}", f"{np.median(times):.2f}", middle)
     Console(width=100).print(table)
     return result
 
