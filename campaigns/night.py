@@ -71,6 +71,7 @@ CAMPAIGNS = {
         "campaigns.exactness",
     ),
     "packings": _campaign("packings", "--packings 1000 --work OUT/trials"),
+    "options": _campaign("options", page="packings"),
     "fuzzing": _campaign("fuzzing", "--minutes 60 --work OUT/work", "hostile-files"),
     "faults": _campaign("faults"),
     "repeatability": _campaign("repeatability", "--seed 1"),

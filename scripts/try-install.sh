@@ -44,6 +44,6 @@ case ,$extras, in *,learn,*)
     ;;
 esac
 case ,$extras, in *,view,*)
-    try "(timeout 60 packit view results.jsonl --port 8123 & sleep 45; python -c 'import urllib.request as u; print(len(u.urlopen(\"http://127.0.0.1:8123\").read()) > 1000)'; wait) || true"
+    try "(timeout 60 packit view results.jsonl --port 8123 > view.txt 2>&1 & sleep 45; python -c 'import urllib.request as u; print(len(u.urlopen(\"http://127.0.0.1:8123\").read()) > 1000)'; wait) || true"
     ;;
 esac

@@ -320,7 +320,7 @@ def test_likely_mistakes_of_units_are_named() -> None:
     assert pack([metres], "300x200x150mm", settings=QUICK).notes == ()
     wrong = Part("wrong", creation.box((80, 50, 20)), unit="m")
     packed = pack([wrong, metres], "300x200x150mm", settings=QUICK)
-    assert "read in mm instead of m, it is 80 x 50 x 20 mm" in packed.left_out[0].reason
+    assert "is its unit mm instead of m? Then it is 80 x 50 x 20 mm" in packed.left_out[0].reason
     small = pack([cube(0.08)], "300x200x150mm", settings=QUICK)
     assert "is its unit m instead of mm?" in small.notes[0]
     inches = pack([slab(3, 2, 2)], "300x200x150mm", settings=QUICK)

@@ -68,8 +68,8 @@ def too_large(
             if smaller < 1 and any(fits(part, box, margin, smaller) for box in boxes):
                 size = lengths_text(part.item_type.extents * smaller)
                 reason += (
-                    f"; a wrong unit? read in {other} instead of {part.part.unit}, "
-                    f"it is {size} {unit} and fits"
+                    f"; is its unit {other} instead of {part.part.unit}? "
+                    f"Then it is {size} {unit} and fits"
                 )
                 break
     return reason
