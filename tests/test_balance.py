@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from trimesh import creation
 
-from packit_sim import BoxType, Limits, PackSettings, Part, pack
+from packit_sim import BoxContainer, BoxType, Limits, PackSettings, Part, WallClearance, pack
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts import summary
-from packit_sim.parts.filling.balance import off_middle
+from packit_sim.parts.filling.balance import nest_balance, off_middle
 from packit_sim.parts.filling.candidates import candidate
+from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.nesting.balance import excess
 from packit_sim.parts.reading.limits import read_limits
 from packit_sim.parts.results import exports
@@ -97,6 +98,15 @@ def test_a_record_that_breaks_its_balance_is_not_valid(tmp_path, monkeypatch) ->
     file.write_text(json.dumps(record))
     (problem,) = verify_record(file).problems
     assert "of the sides off the middle: at most 0.1%" in problem.sentence
+
+
+def test_the_reach_is_a_share_of_the_whole_box_also_with_clearances_of_walls() -> None:
+    settings = PackSettings(wall_clearance=WallClearance(4, floor=1, top=0))
+    task = prepared_task([cube("a")], [balanced(0.1, (60, 40, 20))], "volume", settings)
+    inner = BoxContainer((60 - 8, 40 - 8, 20 - 1))
+    found = nest_balance(task, Limits(balance=0.1), [0], inner)
+    assert found is not None
+    assert found.reach == pytest.approx((6, 4), rel=1e-3)
 
 
 def test_texts_of_a_balance() -> None:

@@ -36,7 +36,8 @@ from packit_sim.parts import check, film, removable, summary, write_instructions
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.nesting.rounds import Problems
 from packit_sim.parts.nesting.settings import SearchSettings
-from packit_sim.parts.packings.outlines import outline
+from packit_sim.parts.packings import outlines
+from packit_sim.parts.packings.outlines import outline, outline_body
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.files import ReadSettings
@@ -568,3 +569,23 @@ def test_pages_and_models_show_the_container(folder: Path) -> None:
     from_axis = np.linalg.norm(round_lines[..., :2] - 5, axis=-1)
     assert from_axis == pytest.approx(5.0)
     assert len(outline(BoxContainer((1, 2, 3)))) == 0
+
+
+def test_the_rims_of_a_cylinder_are_closed() -> None:
+    lengths = np.linalg.norm(np.diff(outline(CylinderContainer(10, 5)), axis=1)[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(2 * math.pi * 10 + 4 * 5, rel=1e-3)
+
+
+def test_of_too_many_lines_the_longest_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outlines, "MAX_LINES", 4)
+    block = creation.box(bounds=((0, 0, 0), (10, 20, 30)))
+    shown = outline(MeshContainer(of(block)))
+    assert np.ptp(shown, axis=1) == pytest.approx(np.tile((0, 0, 30), (4, 1)))
+
+
+def test_the_bars_of_an_outline_are_closed_bodies() -> None:
+    body = outline_body(CylinderContainer(10, 5))
+    assert body is not None
+    mesh = trimesh.Trimesh(body.vertices, body.faces, process=False)
+    assert mesh.is_watertight and mesh.is_winding_consistent
+    assert mesh.volume > 0

@@ -29,6 +29,7 @@ from packit_sim.geometry.motions import Motion
 from packit_sim.parts import check, summary
 from packit_sim.parts.filling.stretching import StretchedTypes
 from packit_sim.parts.nesting.search_frames import searched_rotations
+from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.rotation_sets import matrices
@@ -91,6 +92,13 @@ def oracle(packed: PackedParts) -> float:
 )
 def test_an_ellipsoid_decides_between_the_two_distances(mesh, shift, is_valid: bool) -> None:
     assert bool(two(shift, mesh).problems()) is not is_valid
+
+
+def test_lengths_along_z_are_multiplied_before_a_distance_is_measured() -> None:
+    at = [(0.0, 0.0, 0.0), (0.0, 0.0, 13.0)]
+    one, other = (CheckedItem("a", of(BLOCK), Placement(0, Motion.shift(x)), 200.0) for x in at)
+    assert one.stretched_distance(other, 1 / 3) == pytest.approx(1)
+    assert one.stretched_distance(other, 2) == pytest.approx(6)
 
 
 def test_the_distance_along_z_is_kept_by_every_program(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from packit_sim.parts.filling.settings import PackSettings
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.packings.turning import Turning
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.limits import Limits
 from packit_sim.parts.reading.part import Part
@@ -234,6 +235,15 @@ OTHER_TASKS: dict[str, dict[str, Any]] = {
     "mesh": {"part": {"mesh": creation.box((41, 30, 20))}},
     "value": {"part": {"value": 2.0}},
     "clearance of a part": {"part": {"clearance": 3.0}},
+    "group": {"part": {"group": "h"}},
+    "stop": {"part": {"stop": 2}},
+    "mass": {"part": {"mass": 2.0}},
+    "priority": {"part": {"priority": 1}},
+    "nothing on it": {"part": {"no_stack": True}},
+    "load": {"part": {"max_load": 5.0}},
+    "tilt": {"part": {"turning": Turning(max_tilt=20.0)}},
+    "sides down": {"part": {"turning": Turning(down=("z-",))}},
+    "up": {"part": {"up": "x"}},
 }
 
 

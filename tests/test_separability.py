@@ -305,6 +305,17 @@ def test_offsets_that_are_surely_blocked_are_those_of_overlaps() -> None:
         assert is_inside or manager.in_collision_single(ball, pose)
 
 
+def test_an_offset_beyond_the_cells_has_no_way() -> None:
+    ball = creation.icosphere(subdivisions=1, radius=0.1)
+    low = np.full(3, -0.3)
+    found = offsets_of(np.asarray(ball.triangles), [], low, -low, 2**12)
+    last = found.first + found.costs.shape - 1
+    assert found.cost(last * found.cell) is not None
+    for axis in np.eye(3, dtype=int):
+        assert found.cost((last + axis) * found.cell) is None
+        assert found.cost((found.first - axis) * found.cell) is None
+
+
 def test_costs_to_the_border_are_those_of_repeated_relaxation() -> None:
     rng = np.random.default_rng(0)
     costs = rng.choice(np.array((0, 0, 0, 1, 9), np.uint8), (7, 8, 9))
