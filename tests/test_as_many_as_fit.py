@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from trimesh import creation
 
-from packit_sim import PackSettings, Part, pack
+from packit_sim import BoxType, Limits, PackSettings, Part, pack
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.results.summary import summary, table
 from packit_sim.parts.results.verification import verify_packing
@@ -69,6 +69,17 @@ def test_words_that_are_no_counts_are_errors(folder: Path) -> None:
         pack([folder / "parts.csv"], (20, 20, 10), settings=QUICK)
     with pytest.raises(ArgumentError, match="'cube': as many as fit needs a number of boxes"):
         pack([f"{folder / 'cube.stl'}=max"], (20, 20, 10), "boxes", settings=QUICK)
+
+
+def test_a_record_in_which_none_of_as_many_as_fit_is_packed_is_verified(folder: Path) -> None:
+    """The record has no mesh of such a part, so that a check can't prepare it again."""
+    parts, out = [f"{folder / 'slab.stl'}=2", f"{folder / 'cube.stl'}=max"], folder / "out"
+    box = BoxType((100, 100, 100), limits=Limits(max_parts=2))
+    packed = pack(parts, box, settings=QUICK, out=out)
+    assert packed.packed_of_asked == "2 parts"
+    cubes = next(line for line in table(packed).splitlines() if line.startswith("cube"))
+    assert cubes.split(maxsplit=3) == ["cube", "max", "0", "a limit of the box is reached"]
+    assert verify_packing(out / "packing.json").is_valid
 
 
 def test_the_command_misses_none_of_as_many_as_fit(folder: Path) -> None:

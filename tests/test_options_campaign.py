@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from campaigns import options
+from packit_sim.parts.filling.packed import PackedParts
 
 
 @pytest.fixture
@@ -23,10 +24,10 @@ def test_two_options_give_a_packing_or_one_line(inputs: Path) -> None:
 
 
 def test_an_error_of_ours_is_wrong(inputs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*arguments: object, **named: object) -> None:
+    def broken(_: PackedParts) -> int:
         raise ZeroDivisionError("planted")
 
-    monkeypatch.setattr("packit_sim.parts.pack.pack", broken)
+    monkeypatch.setattr(PackedParts, "count", property(broken))
     found = options.tried(("--clearance 1mm", "--seed 3"), inputs)
     assert found["outcome"] == "wrong"
     assert "planted" in found["text"]

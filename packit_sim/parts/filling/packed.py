@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -125,10 +127,7 @@ class PackedParts:
     @property
     def packed_of_asked(self) -> str:
         """How many parts are packed, and of how many if not of as many as fit."""
-        parts = [each.part for each in self.task.parts]
-        asked = sum(part.count for part in parts)
-        of = "" if any(part.as_many_as_fit for part in parts) else f"of {asked} "
-        return f"{self.count} {of}parts"
+        return packed_of(self.count, [each.part for each in self.task.parts])
 
     @property
     def missed(self) -> tuple[LeftOut, ...]:
@@ -228,3 +227,27 @@ class PackedParts:
             weights.append(part.volume if mass is None else mass)
             centres.append(one.pose.apply(part.centre))
         return np.average(centres, axis=0, weights=weights)
+
+
+class _Asked(Protocol):
+    """A part that was asked for."""
+
+    @property
+    def count(self) -> int: ...
+
+    @property
+    def as_many_as_fit(self) -> bool: ...
+
+
+def packed_of(count: int, asked: Sequence[_Asked]) -> str:
+    """Return how many parts are packed, and of how many if not of as many as fit.
+
+    Parameters
+    ----------
+    count : int
+        The number of packed parts.
+    asked : sequence of Part or of their records
+        All parts that were asked for.
+    """
+    of = "" if any(each.as_many_as_fit for each in asked) else f"of {sum(p.count for p in asked)} "
+    return f"{count} {of}parts"

@@ -116,10 +116,9 @@ def table(packed: PackedParts, found: Check | None = None) -> str:
     rows = [("part", "asked", "packed", "left out, and why")]
     for n, each in enumerate(packed.task.parts):
         name, count = each.part.name, f"{packed.counts[n]}"
-        if each.part.as_many_as_fit and packed.counts[n]:
-            rows.append((name, "max", count, ""))
-        else:
-            rows.append((name, f"{each.part.count}", count, why_left_out(packed, name)))
+        asked = "max" if each.part.as_many_as_fit else f"{each.part.count}"
+        is_enough = each.part.as_many_as_fit and packed.counts[n]
+        rows.append((name, asked, count, "" if is_enough else why_left_out(packed, name)))
     rows += [(Path(one.source).name, "", "0", f"file: {one.reason}") for one in packed.unread]
     widths = [max(len(row[n]) for row in rows) for n in range(3)]
     lines = [
@@ -133,5 +132,8 @@ def table(packed: PackedParts, found: Check | None = None) -> str:
 
 
 def why_left_out(packed: PackedParts, name: str) -> str:
-    """Return how many of a part are left out, and why, by its name."""
-    return "; ".join(f"{e.count}: {e.reason}" for e in packed.left_out if e.name == name)
+    """Return how many of a part are left out, if it has a count, and why, by its name."""
+    found = [each for each in packed.left_out if each.name == name]
+    if all(each in packed.missed for each in found):
+        return "; ".join(f"{each.count}: {each.reason}" for each in found)
+    return "; ".join(each.reason for each in found)

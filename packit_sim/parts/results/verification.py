@@ -22,7 +22,7 @@ from packit_sim.core.plain_text import listed
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.filling.balance import balance_fault, off_middle
 from packit_sim.parts.filling.groups import group_faults
-from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.filling.packed import PackedParts, packed_of
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.order import order_faults
@@ -342,9 +342,7 @@ def _masses(record: _Record, task: PackTask) -> Iterator[str]:
 def _summary(record: _Record, packed: PackedParts, checked: Check) -> Iterator[str]:
     """Compare the texts of the summary, whose numbers may differ by one in the last digit."""
     stated, true = dict(record.summary), summary(packed, checked)
-    asked = record.request.parts
-    if not any(each.as_many_as_fit for each in asked):
-        true["packed"] = f"{packed.count} of {sum(each.count for each in asked)} parts"
+    true["packed"] = packed_of(packed.count, record.request.parts)
     if stated.pop("check", "") == "not done" and "smallest distance" not in stated:
         true.pop("smallest distance", None)
     if "linked pairs" not in stated:  # of an earlier version
