@@ -159,7 +159,7 @@ def kernel_modules(copy: Path, module: str) -> list[str]:
     importers: dict[str, set[str]] = {}
     for file in sorted(copy.glob("packit_sim/**/*.py")) + sorted(copy.glob("agents/**/*.py")):
         text = file.read_text()
-        if "import kernel\n" in text:
+        if "from packit_sim.core.compilation import " in text:
             name = file.relative_to(copy).as_posix()
             for found in _compiled_imports(ast.parse(text)):
                 importers.setdefault(found, set()).add(name)

@@ -248,6 +248,11 @@ def packed_of(count: int, asked: Sequence[_Asked]) -> str:
         The number of packed parts.
     asked : sequence of Part or of their records
         All parts that were asked for.
+
+    Returns
+    -------
+    str
+        The text, such as "5 of 6 parts".
     """
     of = "" if any(each.as_many_as_fit for each in asked) else f"of {sum(p.count for p in asked)} "
     return f"{count} {of}parts"
