@@ -1,6 +1,6 @@
 """Compare densities in a cylinder and in closed meshes with those in a box of equal volume.
 
-    .venv/bin/python -m benchmarks.containers --selections 2 --seconds 30
+    .venv/bin/python -m benchmarks.containers --selections 5 --seconds 60 --workers 2
     .venv/bin/python -m benchmarks.containers --table
 
 A selection has eight copies each of eight random shapes of `everyday`, whose volumes add up to 1.2
