@@ -12,6 +12,7 @@ from trimesh import creation
 
 from packit_sim import (
     BoxContainer,
+    BoxType,
     CylinderContainer,
     ItemType,
     MeshContainer,
@@ -27,6 +28,7 @@ from packit_sim import (
 from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts import check, summary
+from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.stretching import StretchedTypes
 from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.packings.checked_items import CheckedItem
@@ -99,6 +101,17 @@ def test_lengths_along_z_are_multiplied_before_a_distance_is_measured() -> None:
     one, other = (CheckedItem("a", of(BLOCK), Placement(0, Motion.shift(x)), 200.0) for x in at)
     assert one.stretched_distance(other, 1 / 3) == pytest.approx(1)
     assert one.stretched_distance(other, 2) == pytest.approx(6)
+
+
+def test_the_check_multiplies_lengths_along_z() -> None:
+    settings = PackSettings(clearance=2.0, clearance_z=6.0, unit="mm")
+    box = BoxType((50, 50, 60))
+    task = prepared_task([Part("block", BLOCK, count=2)], [box], "volume", settings)
+    places = tuple(Placement(0, Motion.shift((20.0, 20.0, z))) for z in (10.0, 27.0))
+    packing = Packing(task.types, task.container(box), places, 2.0, "knapsack", clearance_z=6.0)
+    found = check(PackedParts(task, (packing,)))
+    assert not found.problems
+    assert found.distance == pytest.approx(7 / 3)
 
 
 def test_the_distance_along_z_is_kept_by_every_program(tmp_path: Path) -> None:
