@@ -52,7 +52,7 @@ VECTORS: dict[str, tuple[int, dict[str, Any]]] = {
 """Numbers of environments, and settings of `make_vec`."""
 
 ROUNDS = 30
-"""Stretches of time of each vector."""
+"""Measurements of each vector."""
 
 WARM_UP = 10
 """Episodes of each environment before its steps count."""
@@ -81,7 +81,7 @@ def steps_a_second(settings: dict[str, Any], seconds: float, seed: int) -> tuple
 
 
 def vector_rates(name: str, seconds: float, seed: int) -> Generator[float, None, None]:
-    """Yield the steps per second of one of `VECTORS`, in one stretch of time after another.
+    """Yield the steps per second of one of `VECTORS`, measured again each time.
 
     Its environments choose shapes by features. Steps are those of all environments together, resets
     included.
@@ -114,7 +114,7 @@ def vector_rates(name: str, seconds: float, seed: int) -> Generator[float, None,
 def measure_vectors(seconds: float, seed: int) -> dict[str, Any]:
     """Measure all vectors in turns, and return their rates relative to one environment's.
 
-    The machine's speed changes within seconds, so that the stretches are short, and many.
+    There are many short measurements, since the machine's speed changes within seconds.
     """
     measured = {name: vector_rates(name, seconds, seed) for name in VECTORS}
     for rates in measured.values():

@@ -1,6 +1,6 @@
 """Pack with every pair of options of `packit pack`, and verify each packing.
 
-    .venv/bin/python -m campaigns.options                  (about 40 minutes of one core)
+    .venv/bin/python -m campaigns.options                  (about an hour of one core)
     .venv/bin/python -m campaigns.options --pairs 50       (50 random ones)
     .venv/bin/python -m campaigns.options --table
 

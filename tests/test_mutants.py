@@ -100,7 +100,6 @@ def test_a_mutant_that_no_test_executes_has_survived(tmp_path: Path) -> None:
     assert mutant_runs.run(tmp_path, [], {}) == mutant_runs.Outcome("survived", "", 0)
 
 
-@pytest.mark.slow
 def test_compiled_callers_of_a_kernel_are_found() -> None:
     """Else the tests of its callers would not be run on its mutants."""
     nesting = "packit_sim/parts/nesting"
@@ -109,6 +108,7 @@ def test_compiled_callers_of_a_kernel_are_found() -> None:
     assert {f"{nesting}/{name}_kernels.py" for name in callers} <= set(found)
 
 
+@pytest.mark.slow
 def test_a_draw_is_repeated_by_its_seed_and_extended_by_its_count() -> None:
     modules = mutants.GROUPS["game"].modules
     first, second = mutants.draw(1, 20, modules), mutants.draw(2, 20, modules)

@@ -83,7 +83,7 @@ def write_page(packed: PackedParts, found: Check | None, path: Path) -> Path:
             "name": each.part.name,
             "asked": each.part.count,
             "packed": packed.counts[n],
-            "why": why_left_out(packed, each.part.name),
+            "why": why_left_out(packed, each.part),
         }
         for n, each in enumerate(packed.task.parts)
     ]

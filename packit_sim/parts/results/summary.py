@@ -10,6 +10,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.balance import off_middle
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.separability import linked_pairs, links_in_words
+from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.powder import Powder
 from packit_sim.parts.reading.sizes import container_text
 from packit_sim.parts.results.check import Check
@@ -118,7 +119,7 @@ def table(packed: PackedParts, found: Check | None = None) -> str:
         name, count = each.part.name, f"{packed.counts[n]}"
         asked = "max" if each.part.as_many_as_fit else f"{each.part.count}"
         is_enough = each.part.as_many_as_fit and packed.counts[n]
-        rows.append((name, asked, count, "" if is_enough else why_left_out(packed, name)))
+        rows.append((name, asked, count, "" if is_enough else why_left_out(packed, each.part)))
     rows += [(Path(one.source).name, "", "0", f"file: {one.reason}") for one in packed.unread]
     widths = [max(len(row[n]) for row in rows) for n in range(3)]
     lines = [
@@ -131,9 +132,9 @@ def table(packed: PackedParts, found: Check | None = None) -> str:
     return "\n".join(lines)
 
 
-def why_left_out(packed: PackedParts, name: str) -> str:
-    """Return how many of a part are left out, if it has a count, and why, by its name."""
-    found = [each for each in packed.left_out if each.name == name]
-    if all(each in packed.missed for each in found):
-        return "; ".join(f"{each.count}: {each.reason}" for each in found)
-    return "; ".join(each.reason for each in found)
+def why_left_out(packed: PackedParts, part: Part) -> str:
+    """Return how many of a part are left out, if it has a count, and why."""
+    found = [each for each in packed.left_out if each.name == part.name]
+    if part.as_many_as_fit:
+        return "; ".join(each.reason for each in found)
+    return "; ".join(f"{each.count}: {each.reason}" for each in found)
