@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
-from packit_sim.parts.filling.block_lattice_kernels import lattice_counts
+from packit_sim.parts.filling.block_spaces import SLACK, BlockSpace, voxel_side
 from packit_sim.parts.filling.free_turns import flush_frames
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.nesting.search_frames import searched_rotations
-from packit_sim.parts.nesting.voxel_sets import placed_voxels
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
@@ -29,14 +28,6 @@ BLOCK = 0.9
 
 MOST_TYPES = 4
 """Most types of blocks: each has up to six orientations in each frame."""
-
-FINENESS = 10
-"""Voxels along the shortest side of the smallest block, and offsets along each side."""
-
-MOST_VOXELS = 8_000_000
-
-_SLACK = 1e-3
-"""Voxels by which blocks are made smaller, so that they do not reach into voxels they touch."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +113,7 @@ class _LatticeFilling:
         sides = [block.sides for own in self._blocks for block in own]
         shortest = min((float(each.min()) for each in sides), default=1.0)
         self._gaps = task.largest_gap * np.array((1.0, 1.0, 1 / task.stretch))
-        least = (float(size.prod()) / MOST_VOXELS) ** (1 / 3)
-        self._voxel = max(shortest / FINENESS, least)
+        self._voxel = voxel_side(size, shortest)
         self._bodies = bodies
 
     def run(self) -> tuple[Placement, ...]:
@@ -132,7 +122,7 @@ class _LatticeFilling:
         if not 0 < len(types) <= MOST_TYPES:
             return ()
         grow = float(self._gaps.max())
-        empty = [_Space(self._size, frame, self._voxel) for frame in self._frames]
+        empty = [BlockSpace(self._size, frame, self._voxel) for frame in self._frames]
         for space in empty:
             for body in self._bodies:
                 space.block_body(body.vertices[body.faces], grow)
@@ -145,11 +135,16 @@ class _LatticeFilling:
             best = self._best(empty, best)
         return tuple(best)
 
-    def _best(self, empty: Sequence[_Space], best: Sequence[Placement]) -> Sequence[Placement]:
-        """Return the most valuable filling that begins with one lattice, or one that is better."""
+    def _best(self, empty: Sequence[BlockSpace], best: Sequence[Placement]) -> Sequence[Placement]:
+        """Return the most valuable filling that begins with one lattice, or one that is better.
+
+        With several frames, it begins with a lattice of the others that has no less value than all
+        of the first one: with less, nothing was ever gained.
+        """
         lattices = self._lattices(empty, self._counts)
         if len(empty) > 1:
-            lattices = [each for each in lattices if each.frame > 0]
+            least = max((each.value for each in lattices if each.frame == 0), default=0.0)
+            lattices = [each for each in lattices if each.frame > 0 and each.value >= least]
         for lattice in sorted(lattices, key=lambda each: -each.value):
             found = self._filled([each.copy() for each in empty], (), lattice)
             best = max(best, found, key=self._worth)
@@ -183,7 +178,7 @@ class _LatticeFilling:
         is_upright = np.array_equal(self._frames[frame], np.eye(3))
         return self._gaps if is_upright else np.full(3, self._gaps.max())
 
-    def _lattices(self, spaces: Sequence[_Space], left: Mapping[int, int]) -> list[_Lattice]:
+    def _lattices(self, spaces: Sequence[BlockSpace], left: Mapping[int, int]) -> list[_Lattice]:
         """Return the best offset of the lattice of each block."""
         found = []
         for number, (space, blocks) in enumerate(zip(spaces, self._blocks, strict=False)):
@@ -199,7 +194,7 @@ class _LatticeFilling:
 
     def _filled(
         self,
-        spaces: Sequence[_Space],
+        spaces: Sequence[BlockSpace],
         first: Sequence[Placement],
         lattice: _Lattice | None = None,
     ) -> list[Placement]:
@@ -232,93 +227,6 @@ class _LatticeFilling:
         for one in placements:
             own = self._task.parts[one.type].item_type
             middle = own.middle
-            vertices = middle + (own.vertices - middle) * (1 - 2 * _SLACK)
+            vertices = middle + (own.vertices - middle) * (1 - 2 * SLACK)
             found.append(one.apply(vertices)[own.faces])
         return np.concatenate(found) if found else np.empty((0, 3, 3))
-
-
-class _Space:
-    """A space in one of its frames, with the voxels that are blocked."""
-
-    def __init__(self, size: Floats, frame: Floats, voxel: float) -> None:
-        self._frame, self._voxel = frame, voxel
-        corners = np.array(np.meshgrid(*([0.0, side] for side in size))).reshape(3, -1).T @ frame
-        self._low = corners.min(axis=0)
-        self._sides = np.ptp(corners, axis=0)
-        shape = np.ceil(self._sides / voxel - 1e-6).astype(int)
-        self._blocked = np.zeros(shape, bool)
-        self._sums: Ints | None = None
-        if not np.array_equal(frame, np.eye(3)):
-            self._block_outside(size)
-
-    def copy(self) -> _Space:
-        """Return a copy, whose voxels can be blocked."""
-        new = object.__new__(_Space)
-        vars(new).update(vars(self), _blocked=self._blocked.copy())
-        return new
-
-    def _block_outside(self, size: Floats) -> None:
-        """Block the voxels that are not wholly inside the space, of which the frame is turned."""
-        axes = [(np.arange(n) + 0.5) * self._voxel for n in self._blocked.shape]
-        x, y, z = np.meshgrid(*axes, indexing="ij", sparse=True)
-        for row, side in zip(self._frame, size, strict=True):
-            middle = row @ self._low + row[0] * x + row[1] * y + row[2] * z
-            reach = (0.5 - _SLACK) * self._voxel * np.abs(row).sum()
-            self._blocked |= (middle < reach) | (middle > side - reach)
-
-    def block_body(self, triangles: Floats, grow: float) -> None:
-        """Block the voxels of a body but for those that it only touches from one side.
-
-        Those are free if the body moves a little away from them, one way or the opposite one.
-        """
-        masks = []
-        for shift in (_SLACK * self._voxel, -_SLACK * self._voxel):
-            moved = self.copy()
-            moved._blocked[:] = False
-            moved.block(triangles + self._frame @ np.full(3, shift), grow)
-            masks.append(moved._blocked)
-        self._blocked |= masks[0] & masks[1]
-        self._sums = None
-
-    def block(self, triangles: Floats, grow: float) -> None:
-        """Block the voxels that a body touches or encloses, grown by a length."""
-        if not len(triangles):
-            return
-        low, voxels = placed_voxels(triangles @ self._frame - self._low, self._voxel, grow)
-        start = np.maximum(low, 0)
-        end = np.minimum(low + voxels.shape, self._blocked.shape)
-        if (start < end).all():
-            there = tuple(map(slice, start, end))
-            self._blocked[there] |= voxels[tuple(map(slice, start - low, end - low))] > 0
-            self._sums = None
-
-    def best_offset(self, sides: Floats, pitches: Floats) -> tuple[Floats, int]:
-        """Return the offset of a lattice of most free boxes, and how many that are."""
-        if self._sums is None:
-            sums = self._blocked.astype(np.int32)
-            for axis in range(3):
-                sums = sums.cumsum(axis=axis, dtype=np.int32)
-            self._sums = np.pad(sums, ((1, 0), (1, 0), (1, 0)))
-        steps = np.full(3, FINENESS, np.int64)
-        slack = 2 * _SLACK * self._voxel
-        counts = lattice_counts(self._sums, self._voxel, self._sides, sides, pitches, steps, slack)
-        best = np.array(np.unravel_index(counts.argmax(), counts.shape))
-        return pitches * best / steps, int(counts.max())
-
-    def free(self, sides: Floats, pitches: Floats, offset: Floats) -> Floats:
-        """Return the lower corners (n, 3) of the free boxes of a lattice, from the bottom up."""
-        slack = 2 * _SLACK * self._voxel
-        axes = [
-            np.arange(low, whole - side + slack, pitch)
-            for low, whole, side, pitch in zip(offset, self._sides, sides, pitches, strict=True)
-        ]
-        z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-        places = np.column_stack((x.ravel(), y.ravel(), z.ravel()))
-        first = np.maximum((places + slack) / self._voxel, 0).astype(int)
-        last = np.ceil((places + sides - slack) / self._voxel).astype(int)
-        last = np.minimum(last, self._blocked.shape)
-        free = [
-            not self._blocked[tuple(map(slice, a, b))].any()
-            for a, b in zip(first, last, strict=True)
-        ]
-        return np.asarray(places[free] + self._low)

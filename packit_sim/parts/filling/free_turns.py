@@ -56,13 +56,12 @@ def flush_frames(container: Container) -> list[Floats]:
     corners = container.mesh.vertices[container.mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
-    directions, numbers = np.unique(
-        (normals / areas[:, None]).round(3) + 0.0, axis=0, return_inverse=True
-    )
+    _, numbers = np.unique((normals / areas[:, None]).round(3) + 0.0, axis=0, return_inverse=True)
     shares = np.bincount(numbers.ravel(), areas) / areas.sum()
     found: list[Floats] = []
     for n in np.argsort(-shares, kind="stable"):
-        normal = directions[n] / np.linalg.norm(directions[n])
+        normal = normals[numbers.ravel() == n].sum(axis=0)
+        normal /= np.linalg.norm(normal)
         axis = int(np.abs(normal).argmax())
         unit = np.eye(3)[axis] * np.sign(normal[axis])
         if shares[n] < WALL_SHARE or len(found) == MOST_WALLS:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.block_lattices import latticed
 from packit_sim.parts.filling.box_nesting import BoxNesting
+from packit_sim.parts.filling.brick_windows import BrickWindows
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.delivered_filling import ROUNDS, delivered_filling
 from packit_sim.parts.filling.grouped_filling import GroupedFilling
@@ -35,6 +36,9 @@ _FIRST = 0.4
 
 _LATTICE_TIME = 0.3
 """Share of the time for a box in which lattices are put into it, at most."""
+
+_WINDOW_TIME = 0.5
+"""Share of the time for a box that a search in windows has for a gain, if none took longer."""
 
 _NEXT_SEED = 1000
 """Difference of the seeds of searches for a box; a search that resumes adds 1."""
@@ -256,6 +260,10 @@ class PackingSearch:
             consider(start)
             if most.total() == sum(counts.values()) and best is not None and best.count == total:
                 return start, most
+        if start is not None:
+            start = self._windowed(box, counts, start, end, consider)
+            if clock.perf_counter() > end and best is not None:
+                return best.packings[-1], most
         ordered = delivered_filling(self._nesting, box, counts)
         for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
@@ -283,6 +291,36 @@ class PackingSearch:
         end = clock.perf_counter() + _LATTICE_TIME * seconds
         own = allowed(self._task, box, counts)
         return latticed(self._task, box, own, bodies, lambda: clock.perf_counter() > end)
+
+    def _windowed(
+        self,
+        box: BoxType,
+        counts: Mapping[int, int],
+        start: Packing,
+        end: float,
+        consider: Callable[[Packing], None],
+    ) -> Packing:
+        """Search for more bricks in a container that is no empty box; return the most found."""
+        bodies, iterations = self._nesting.bodies(box), self._task.settings.iterations
+        windows = BrickWindows(self._task, box, counts, bodies, self._seed)
+        if not (bodies and windows.is_possible):
+            return start
+        found = start
+        begun = last = clock.perf_counter()
+        least = _WINDOW_TIME * (end - begun)
+
+        def better(packing: Packing) -> None:
+            nonlocal found, last
+            found, last = packing, clock.perf_counter()
+            consider(packing)
+
+        def is_over() -> bool:
+            now = clock.perf_counter()
+            is_late = now - last > max(least, last - begun)
+            return is_late or now > end or self._stopped.is_set()
+
+        windows.run(start, iterations, is_over, better)
+        return found
 
     def _fill_together(self, counts: Mapping[int, int]) -> None:
         """Search for the fewest boxes, of one size or of several that there are enough of."""
