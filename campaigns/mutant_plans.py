@@ -55,7 +55,11 @@ SECONDS = 10.0
 
 
 def plan(
-    baseline: Baseline, copy: Path, mutant: tuple[str, Mutation], kills: Counter[str]
+    baseline: Baseline,
+    copy: Path,
+    mutant: tuple[str, Mutation],
+    kills: Counter[str],
+    most: float = SECONDS,
 ) -> list[str]:
     """Choose the tests of a mutant, in the order in which they are run.
 
@@ -69,6 +73,8 @@ def plan(
         Module and mutation.
     kills : Counter
         Numbers of mutants of the module that each test killed so far.
+    most : float
+        Processor time of the tests in seconds; infinite for all of them.
 
     Returns
     -------
@@ -94,7 +100,7 @@ def plan(
     own = tuple(f"tests/test_{file}.py" for file in (name, *_OWN.get(name, ())))
     seconds = baseline.seconds
     killers = [test for test, _ in kills.most_common(5) if test in tests]
-    chosen = list(_affordable(sorted(tests, key=lambda t: seconds[t]), seconds))
+    chosen = list(_affordable(sorted(tests, key=lambda t: seconds[t]), seconds, most))
     number = {test: n for n, test in enumerate(seconds)}
     of_file: defaultdict[str, float] = defaultdict(float)
     for test in chosen:
@@ -107,8 +113,7 @@ def _file(test: str) -> str:
     return test.split("::")[0]
 
 
-def _affordable(tests: Sequence[str], seconds: dict[str, float]) -> Iterator[str]:
-    left = SECONDS
+def _affordable(tests: Sequence[str], seconds: dict[str, float], left: float) -> Iterator[str]:
     for test in tests:
         left -= seconds[test]
         if left > 0:

@@ -6,6 +6,7 @@ found after each mutant. A second run with the same seed continues; other seeds 
 
     python -m campaigns.mutants --seed 1 --count 400
     python -m campaigns.mutants --of parts --seed 1 --count 400
+    python -m campaigns.mutants --judge     # survivors with all other tests of their lines
     python -m campaigns.mutants --check     # survivors with the tests that kill them
     python -m campaigns.mutants --table     # write the table in docs/trust/mutants.md
 """
@@ -15,6 +16,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import os
 import platform
 import random
@@ -29,7 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from campaigns import mutant_runs
-from campaigns.mutant_plans import TESTS, TESTS_OF_PARTS, plan
+from campaigns.mutant_plans import SECONDS, TESTS, TESTS_OF_PARTS, plan
 from campaigns.mutations import Mutation, mutations
 
 ROOT = Path(__file__).parents[1]
@@ -119,12 +121,7 @@ def campaign(options: argparse.Namespace) -> None:
     if found.get("source", group.source()) != group.source():
         sys.exit(f"{options.out} has mutants of other source code: choose another file with --out")
     copy: Path = options.copy
-    if not copy.exists():
-        mutant_runs.copy_source(ROOT, copy)
-    mutant_runs.restore(copy)
-    baseline = mutant_runs.measure(copy, group.modules, group.tests)
-    print(f"{len(baseline.seconds)} tests take {sum(baseline.seconds.values()):.0f} s", flush=True)
-    mutant_runs.import_libraries(baseline.libraries)
+    baseline = _baseline(options)
     kills: dict[str, Counter[str]] = {module: Counter() for module in group.modules}
     for record in done:
         kills[record["module"]][record["test"]] += 1
@@ -175,6 +172,42 @@ def _left(
 
 def _place(record: Record) -> tuple[Any, ...]:
     return record["module"], record["line"], record["column"], record["new"]
+
+
+def judge(options: argparse.Namespace) -> None:
+    """Run on each survivor all tests that execute its line; note those that kill it."""
+    judged: list[Record] = json.loads(JUDGED.read_text())
+    known = set(map(_place, judged))
+    baseline = _baseline(options)
+    ends = time.monotonic() + 60 * options.minutes
+    for record in json.loads(options.out.read_text())["mutants"]:
+        if record["outcome"] != "survived" or _place(record) in known or time.monotonic() > ends:
+            continue
+        text = (options.copy / record["module"]).read_text()
+        mutant = record["module"], _nearest(text, record)
+        first, tests = (
+            plan(baseline, options.copy, mutant, Counter(), most) for most in (SECONDS, math.inf)
+        )
+        tests = [test for test in tests if test not in first]
+        with mutant_runs.mutated(options.copy, mutant[0], mutant[1].apply(text)):
+            outcome = mutant_runs.run(options.copy, tests, baseline.seconds)
+        if outcome.test:
+            place = {key: record[key] for key in ("module", "line", "column", "old", "new")}
+            judged.append({**place, "other": outcome.test})
+            _write(JUDGED, judged)
+        print(*(record[key] for key in _PRINTED[:4]), outcome, len(tests), flush=True)
+
+
+def _baseline(options: argparse.Namespace) -> mutant_runs.Baseline:
+    """Copy the source, unless that was done, and return what its tests do without a mutant."""
+    group = GROUPS[options.of]
+    if not options.copy.exists():
+        mutant_runs.copy_source(ROOT, options.copy)
+    mutant_runs.restore(options.copy)
+    found = mutant_runs.measure(options.copy, group.modules, group.tests)
+    print(f"{len(found.seconds)} tests take {sum(found.seconds.values()):.0f} s", flush=True)
+    mutant_runs.import_libraries(found.libraries)
+    return found
 
 
 def check(options: argparse.Namespace) -> bool:
@@ -253,7 +286,7 @@ def _row(name: str, size: int, records: list[Record]) -> tuple[object, ...]:
     return label, *counts, *judged, len(survived) - sum(judged)
 
 
-def _write(file: Path, result: Record) -> None:
+def _write(file: Path, result: Record | list[Record]) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_suffix(".part")
     part.write_text(json.dumps(result, indent=1) + "\n")
@@ -268,6 +301,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="what to draw the mutants from")
     parser.add_argument("--count", type=int, default=400, help="mutants of this seed")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after that")
+    parser.add_argument("--judge", action="store_true", help="run all tests on the survivors")
     parser.add_argument("--check", action="store_true", help="only run the survivors' tests")
     parser.add_argument("--table", action="store_true", help="only write the table of the page")
     parser.add_argument("--out", type=Path, help="results file")
@@ -285,7 +319,9 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         options.copy = options.copy or Path(folder) / "copy"
-        if not options.check:
+        if options.judge:
+            judge(options)
+        elif not options.check:
             campaign(options)
         elif not check(options):
             sys.exit("a test does not kill its mutant")
