@@ -57,6 +57,7 @@ def test_a_record_of_as_many_as_fit_is_verified_and_resumed(folder: Path) -> Non
     parts, out = [f"{folder / 'cube.stl'}=max", folder / "slab.stl"], folder / "out"
     packed = pack(parts, (30, 25, 20), settings=QUICK, out=out)
     assert verify_packing(out / "packing.json").is_valid
+    assert "<td>max</td>" in (out / "packing.html").read_text()
     again = pack(parts, (30, 25, 20), settings=QUICK, out=out)
     assert again.searches == packed.searches + 1 and again.count >= packed.count
 

@@ -18,7 +18,7 @@ from packit_sim.parts.packings.outlines import outline
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.results.check import Check
 from packit_sim.parts.results.pictures import part_colors, shown
-from packit_sim.parts.results.summary import summary, why_left_out
+from packit_sim.parts.results.summary import part_rows, summary
 from packit_sim.web.page_models import Models, page_texts
 
 
@@ -78,22 +78,13 @@ def write_page(packed: PackedParts, found: Check | None, path: Path) -> Path:
     for box, contents in zip(boxes, packed.contents, strict=True):
         for n, one in enumerate(contents.placements):
             copies.setdefault(one.type, []).append(f"{box['model']}:{n}")
-    parts = [
-        {
-            "name": each.part.name,
-            "asked": each.part.count,
-            "packed": packed.counts[n],
-            "why": why_left_out(packed, each.part),
-        }
-        for n, each in enumerate(packed.task.parts)
-    ]
     shown_parts = [
         {"name": packed.task.all_parts[n].part.name, "copies": copies[n]} for n in sorted(copies)
     ]
     content = {
         "version": __version__,
         "summary": summary(packed, found),
-        "parts": parts,
+        "parts": part_rows(packed),
         "problems": packed.unread,
         "notes": packed.notes,
         "found": found.problems if found else (),

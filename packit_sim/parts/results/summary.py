@@ -101,6 +101,23 @@ def _linked(packed: PackedParts) -> str:
     return "; ".join(found) or "none"
 
 
+def part_rows(packed: PackedParts) -> list[tuple[str, str, str, str]]:
+    """Return for each part its name, how many were asked for and packed, and why others are not.
+
+    Returns
+    -------
+    list of (str, str, str, str)
+        The rows, in the order of the parts. Of a part of which as many as fit are packed, "max" is
+        asked, and copies are not missed.
+    """
+    rows = []
+    for n, each in enumerate(packed.task.parts):
+        is_max, count = each.part.as_many_as_fit, packed.counts[n]
+        why = "" if is_max and count else _why_left_out(packed, each.part)
+        rows.append((each.part.name, "max" if is_max else f"{each.part.count}", f"{count}", why))
+    return rows
+
+
 def table(packed: PackedParts, found: Check | None = None) -> str:
     """Return the summary as text, a line for each part, for each number and for each note.
 
@@ -114,12 +131,7 @@ def table(packed: PackedParts, found: Check | None = None) -> str:
     str
         The lines.
     """
-    rows = [("part", "asked", "packed", "left out, and why")]
-    for n, each in enumerate(packed.task.parts):
-        name, count = each.part.name, f"{packed.counts[n]}"
-        asked = "max" if each.part.as_many_as_fit else f"{each.part.count}"
-        is_enough = each.part.as_many_as_fit and packed.counts[n]
-        rows.append((name, asked, count, "" if is_enough else why_left_out(packed, each.part)))
+    rows = [("part", "asked", "packed", "left out, and why"), *part_rows(packed)]
     rows += [(Path(one.source).name, "", "0", f"file: {one.reason}") for one in packed.unread]
     widths = [max(len(row[n]) for row in rows) for n in range(3)]
     lines = [
@@ -132,7 +144,7 @@ def table(packed: PackedParts, found: Check | None = None) -> str:
     return "\n".join(lines)
 
 
-def why_left_out(packed: PackedParts, part: Part) -> str:
+def _why_left_out(packed: PackedParts, part: Part) -> str:
     """Return how many of a part are left out, if it has a count, and why."""
     found = [each for each in packed.left_out if each.name == part.name]
     if part.as_many_as_fit:
