@@ -8,13 +8,24 @@ import numpy as np
 import pytest
 from trimesh import creation
 
-from packit_sim import BoxContainer, BoxType, Limits, PackSettings, Part, WallClearance, pack
+from packit_sim import (
+    BoxContainer,
+    BoxType,
+    ItemType,
+    Limits,
+    PackSettings,
+    Part,
+    WallClearance,
+    pack,
+)
 from packit_sim.core.errors import ArgumentError
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts import summary
 from packit_sim.parts.filling.balance import nest_balance, off_middle
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.nesting.balance import excess
+from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.limits import read_limits
 from packit_sim.parts.results import exports
 from packit_sim.parts.results.verification import verify_record
@@ -73,11 +84,13 @@ def test_without_masses_volumes_count() -> None:
 
 
 def test_parts_that_break_it_are_left_out_with_the_reason() -> None:
-    plain = pack([cube("a", count=3)], (60, 60, 20), settings=QUICK)
-    task = pack([cube("a", count=3)], balanced(0.1), settings=QUICK).task
-    found = candidate(task, plain.packings)
-    assert found.count < 3
-    assert "of the sides off the middle: at most 10%" in found.rejected[0][1]
+    """They reach from wall to wall, so that moving them together is no way."""
+    task = pack([cube("a", count=3)], balanced(0.05), settings=QUICK).task
+    poses = [Motion.shift(place) for place in ((5, 30, 5), (15, 30, 5), (55, 30, 5))]
+    container = task.container(task.boxes[0])
+    found = candidate(task, [task.packing(container, [Placement(0, pose) for pose in poses])])
+    assert found.count == 2
+    assert "of the sides off the middle: at most 5%" in found.rejected[0][1]
 
 
 def test_what_is_left_out_is_worth_least_for_what_it_gains() -> None:
@@ -107,6 +120,25 @@ def test_the_reach_is_a_share_of_the_whole_box_also_with_clearances_of_walls() -
     found = nest_balance(task, Limits(balance=0.1), [0], inner)
     assert found is not None
     assert found.reach == pytest.approx((6, 4), rel=1e-3)
+
+
+@pytest.mark.parametrize(("has_obstacle", "count"), [(False, 1), (True, 0)])
+def test_the_balance_is_kept_after_parts_of_other_groups_are_left_out(
+    has_obstacle: bool, count: int
+) -> None:
+    """Of two blocks that balance the box one goes; the other may move if nothing else is there."""
+    parts = [cube("a", group="a"), cube("b", group="b")]
+    task = pack(parts, balanced(0.02), settings=replace(QUICK, groups=("apart",))).task
+    container = task.container(task.boxes[0])
+    if has_obstacle:
+        post = creation.box(bounds=((0, 0, 0), (5, 5, 5)))
+        container = container.with_obstacles([ItemType("post", post.vertices, post.faces)])
+    poses = [Motion.shift((25, 25, 5)), Motion.shift((35, 35, 5))]
+    both = task.packing(container, [Placement(n, pose) for n, pose in enumerate(poses)])
+    assert not both.problems()
+    found = candidate(task, [both])
+    assert found.count == count
+    assert count == 0 or off(found) <= 0.02
 
 
 def test_texts_of_a_balance() -> None:

@@ -52,6 +52,9 @@ TURNING = 0.25
 SHRINKAGE = 0.02
 """By which share of the tolerance half sides are smaller, so that bricks that touch are apart."""
 
+AT_ONCE = 3
+"""Windows of each worker in a round, so that none waits long for the others."""
+
 CHECKED = 500
 """Bricks for each gain between two checks by the meshes, which take as long as some windows."""
 
@@ -209,7 +212,7 @@ class BrickWindows:
     def run(
         self,
         packing: Packing,
-        windows: int | None,
+        rounds: int | None,
         is_over: Callable[[], bool],
         better: Callable[[Packing], None],
     ) -> None:
@@ -219,8 +222,8 @@ class BrickWindows:
         ----------
         packing : Packing
             The packing to begin with.
-        windows : int or None
-            Most windows that each worker tries; None: until it is over.
+        rounds : int or None
+            Most rounds, with a few windows of each worker; None: until it is over.
         is_over : callable
             Whether to end.
         better : callable
@@ -231,12 +234,12 @@ class BrickWindows:
         valid = bricks = self._bricks_of(self._brick, packing)
         with Threads(self._task.settings.workers) as threads:
             for number in itertools.count(1):
-                some = self._windows(self._brick, bricks, threads.count)
+                some = self._windows(self._brick, bricks, AT_ONCE * threads.count)
                 jobs = [(self._brick, bricks, each) for each in some]
                 for window, new in zip(some, threads.map(self._separated, jobs), strict=True):
                     if new is not None:
                         bricks = bricks.changed(window.moved, new)
-                is_last = not some or number == windows or is_over()
+                is_last = not some or number == rounds or is_over()
                 gain = len(bricks.centres) - len(valid.centres)
                 if gain > (0 if is_last else len(bricks.centres) // CHECKED):
                     found = self._packing(self._brick, bricks)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from packit_sim.parts.filling.balance import over_balance
+from packit_sim.parts.filling.balance import centred, over_balance
 from packit_sim.parts.filling.groups import surplus
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
@@ -17,6 +18,7 @@ from packit_sim.parts.handling.filtering import filter_packing
 from packit_sim.parts.handling.order import packing_order
 from packit_sim.parts.handling.supports import lowered
 from packit_sim.parts.nesting.limits import ItemLimits
+from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.packing import Packing
 
 
@@ -39,7 +41,7 @@ def candidate(task: PackTask, packings: Sequence[Packing], searches: int = 1) ->
     while True:
         kept = _within_constraints(task, packings, rejected)
         packings = _in_groups(task, kept, rejected)
-        if packings == kept or not task.is_constrained:
+        if packings == kept:
             return PackedParts(task, tuple(packings), tuple(rejected), searches)
 
 
@@ -48,7 +50,7 @@ def _within_constraints(
 ) -> list[Packing]:
     """Leave parts out of each packing until it keeps limits and constraints; note them."""
     kept: list[Packing] = []
-    for packing in packings:
+    for packing in map(partial(_balanced, task), packings):
         while reasons := _reasons(task, packing):
             rejected += [(packing.placements[n].type, reasons[n]) for n in sorted(reasons)]
             left = [one for n, one in enumerate(packing.placements) if n not in reasons]
@@ -56,6 +58,13 @@ def _within_constraints(
         if packing.placements:
             kept.append(packing)
     return kept
+
+
+def _balanced(task: PackTask, packing: Packing) -> Packing:
+    """Move the parts of a box with nothing else in it together, if it is off balance."""
+    container = packing.container
+    is_empty = isinstance(container, BoxContainer) and not container.obstacles
+    return centred(task, packing) if is_empty and over_balance(task, packing) else packing
 
 
 def _in_groups(
