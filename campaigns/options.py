@@ -2,6 +2,7 @@
 
     .venv/bin/python -m campaigns.options                  (about an hour of one core)
     .venv/bin/python -m campaigns.options --pairs 50       (50 random ones)
+    .venv/bin/python -m campaigns.options --having=--balance
     .venv/bin/python -m campaigns.options --table
 
 Two options must give a packing that `packit verify` accepts, or be refused by one line. Anything
@@ -51,7 +52,7 @@ OPTIONS = (
     *("--container cylinder:60x40mm", "--container case.stl", "--container prusa-mini"),
     *("--box A:60x50x40mm", "--box boxes.csv"),
     *(f"--objective {name}" for name in ("count", "value", "height", "boxes")),
-    *("--clearance 1mm", "--clearance-z 2mm"),
+    *("--clearance 1mm", "--clearance 1mm --clearance-z 2mm"),
     *("--wall-clearance 1mm", "--wall-clearance sides=1mm,floor=0.5mm,top=0"),
     *(f"--rotations {name}" for name in ("fixed", "upright", "axis-4", "free")),
     *("--max-tilt 20deg", "--down z-,z+", "--keep-out corner.stl", "--fixed block.stl"),
@@ -65,6 +66,8 @@ OPTIONS = (
 )
 """Options with values, and parts of their own kinds."""
 
+
+ALL = "all pairs"
 
 OUTCOMES = ("packed", "refused", "wrong")
 
@@ -93,9 +96,7 @@ def make_inputs(folder: Path) -> None:
         "file,count,mass,no_stack,max_load,group,stop,unit\n"
         "corner.stl,2,1,yes,,b,1,mm\ncup.stl,1,1,no,2,c,2,mm\n"
     )
-    (folder / "boxes.csv").write_text(
-        "name,x,y,z,count\nsmall,40mm,40mm,40mm,1\nlarge,60mm,50mm,40mm,1\n"
-    )
+    (folder / "boxes.csv").write_text("box,name,count\n40x40x40mm,small,1\n60x50x40mm,large,1\n")
 
 
 def command(pair: tuple[str, str]) -> list[str]:
@@ -172,7 +173,7 @@ def totals(trials: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
     for trial in trials:
         for option in trial["options"]:
             rows[option][trial["outcome"]] += 1
-    rows["all pairs"] = Counter(trial["outcome"] for trial in trials)
+    rows[ALL] = Counter(trial["outcome"] for trial in trials)
     return {name: dict(row) for name, row in rows.items()}
 
 
@@ -180,7 +181,7 @@ def table(result: dict[str, Any]) -> str:
     """Write the table of the page: a row for each option."""
     rows = []
     for name, row in result["outcomes"].items():
-        label = f"`{name}`" if name in OPTIONS else f"**{name}**"
+        label = f"**{name}**" if name == ALL else f"`{name}`"
         counts = [row.get(outcome, 0) for outcome in OUTCOMES]
         rows.append((label, sum(counts), *counts))
     return markdown_table(("option", "pairs", "packed, verified", "refused", "wrong"), rows)
@@ -190,13 +191,18 @@ def main() -> None:
     """Run the campaign, or write its table."""
     parser = argument_parser(__doc__)
     parser.add_argument("--pairs", type=int, help="random pairs; default: all")
+    parser.add_argument("--having", default="", help="only pairs with an option that begins so")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
     if arguments.table:
         page = PAGES / "packings.md"
         write_into_page(page, table(read_results(NAME, arguments.out)), NAME)
         return
-    pairs = list(itertools.combinations(OPTIONS, 2))
+    pairs = [
+        pair
+        for pair in itertools.combinations(OPTIONS, 2)
+        if any(option.startswith(arguments.having) for option in pair)
+    ]
     if arguments.pairs is not None:
         chosen = np.random.default_rng(arguments.seed).permutation(len(pairs))[: arguments.pairs]
         pairs = [pairs[n] for n in sorted(chosen)]
@@ -223,7 +229,7 @@ def main() -> None:
         "said": [trial for trial in trials if trial["text"]],
     }
     write_json(arguments.out / f"{NAME}.json", result)
-    print(outcomes["all pairs"])
+    print(outcomes[ALL])
 
 
 if __name__ == "__main__":

@@ -49,8 +49,16 @@ def test_a_packing_that_does_not_verify_is_wrong(
     assert found["text"].startswith("does not verify: ")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("option", options.OPTIONS)
+def test_no_option_is_refused_for_itself(option: str, inputs: Path) -> None:
+    """Else it would be refused with all others, and nothing would be tried."""
+    found = options.tried((option, "--unit mm"), inputs)
+    assert found["outcome"] == "packed", found["text"]
+
+
 def test_every_option_is_tried_with_every_other() -> None:
-    words = {option.split()[0] for option in options.OPTIONS}
+    words = {word for option in options.OPTIONS for word in option.split()}
     from typer.main import get_command
 
     from packit_sim.cli.app import app
