@@ -46,8 +46,11 @@ AROUND = 0.8
 STEPS = 600
 """Most moves in a window."""
 
+UNTURNED = 30
+"""Windows without a gain after which bricks that may turn freely do so."""
+
 TURNING = 0.25
-"""Share of the windows in which bricks that may turn freely do so."""
+"""Share of the windows in which they do then."""
 
 SHRINKAGE = 0.02
 """By which share of the tolerance half sides are smaller, so that bricks that touch are apart."""
@@ -233,10 +236,13 @@ class BrickWindows:
         self._prepare(self._brick)
         valid = bricks = self._bricks_of(self._brick, packing)
         with Threads(self._task.settings.workers) as threads:
+            vain = 0
             for number in itertools.count(1):
-                some = self._windows(self._brick, bricks, AT_ONCE * threads.count)
+                may_turn = self._brick.is_free and vain > UNTURNED
+                some = self._windows(self._brick, bricks, AT_ONCE * threads.count, may_turn)
                 jobs = [(self._brick, bricks, each) for each in some]
                 for window, new in zip(some, threads.map(self._separated, jobs), strict=True):
+                    vain = vain + 1 if new is None else 0
                     if new is not None:
                         bricks = bricks.changed(window.moved, new)
                 is_last = not some or number == rounds or is_over()
@@ -276,19 +282,19 @@ class BrickWindows:
         placements = [Placement(self._number, pose.shifted(self._margin.lower)) for pose in poses]
         return self._task.packing(self._task.container(self._box), placements)
 
-    def _windows(self, brick: Brick, bricks: _Bricks, count: int) -> list[_Window]:
+    def _windows(self, brick: Brick, bricks: _Bricks, count: int, may_turn: bool) -> list[_Window]:
         """Choose windows that do not meet; none if there is no more brick."""
         found: list[_Window] = []
         left = self._count - len(bricks.centres)
         for _ in range(2 * count):
             if len(found) == min(count, left):
                 break
-            window = self._window(brick, bricks)
+            window = self._window(brick, bricks, may_turn)
             if not any(window.meets(each, self._reach) for each in found):
                 found.append(window)
         return found
 
-    def _window(self, brick: Brick, bricks: _Bricks) -> _Window:
+    def _window(self, brick: Brick, bricks: _Bricks, may_turn: bool) -> _Window:
         choices, place = self._choices, self._empty_place(bricks)
         order = np.linalg.norm(bricks.centres - place, axis=1).argsort(kind="stable")
         moved = order[: choices.integers(*MOVED)]
@@ -296,7 +302,7 @@ class BrickWindows:
         low, high = _bounds(np.vstack((bricks.centres[moved], place)))
         low, high = low - around, high + around
         centre = place if choices.random() < 0.5 else choices.uniform(low, high)
-        turns = brick.is_free and choices.random() < TURNING
+        turns = may_turn and choices.random() < TURNING
         axes = choices.choice(brick.axes if turns else brick.axes[: brick.usual])
         new = _Bricks(centre[None], axes[None])
         return _Window(moved, new, (low, high), turns, int(choices.integers(2**62)))
