@@ -201,20 +201,23 @@ def judge(options: argparse.Namespace) -> None:
 def _baseline(options: argparse.Namespace) -> mutant_runs.Baseline:
     """Copy the source, unless that was done, and return what its tests do without a mutant."""
     group = GROUPS[options.of]
-    if not options.copy.exists():
-        mutant_runs.copy_source(ROOT, options.copy)
-    mutant_runs.restore(options.copy)
+    _make_copy(options.copy)
     found = mutant_runs.measure(options.copy, group.modules, group.tests)
     print(f"{len(found.seconds)} tests take {sum(found.seconds.values()):.0f} s", flush=True)
     mutant_runs.import_libraries(found.libraries)
     return found
 
 
+def _make_copy(copy: Path) -> None:
+    """Copy the source, unless that was done, and restore what a mutant left in it."""
+    if not copy.exists():
+        mutant_runs.copy_source(ROOT, copy)
+    mutant_runs.restore(copy)
+
+
 def check(options: argparse.Namespace) -> bool:
     """Run the tests that are said to kill survivors; return whether each does."""
-    if not options.copy.exists():
-        mutant_runs.copy_source(ROOT, options.copy)
-    mutant_runs.restore(options.copy)
+    _make_copy(options.copy)
     killed = []
     for judged in json.loads(JUDGED.read_text()):
         if test := judged.get("added") or judged.get("other"):

@@ -126,7 +126,7 @@ def test_the_reach_is_a_share_of_the_whole_box_also_with_clearances_of_walls() -
 def test_the_balance_is_kept_after_parts_of_other_groups_are_left_out(
     has_obstacle: bool, count: int
 ) -> None:
-    """Of two blocks that balance the box one goes; the other may move if nothing else is there."""
+    """One of two blocks is left out; the other moves to the middle of a box with nothing else."""
     parts = [cube("a", group="a"), cube("b", group="b")]
     task = pack(parts, balanced(0.02), settings=replace(QUICK, groups=("apart",))).task
     container = task.container(task.boxes[0])

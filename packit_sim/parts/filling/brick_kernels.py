@@ -154,9 +154,13 @@ def _wall_depth(place, axes, half, triangle, points):
 
 
 @inner_kernel
-def _is_inside(place, space):
-    """Return whether a place (3,) is in a voxel that is not blocked."""
+def _is_inside(place, window, space):
+    """Return whether a place (3,) is in the window, and in a voxel that is not blocked."""
+    low, high = window
     blocked, voxel = space
+    for d in range(3):
+        if place[d] < low[d] or place[d] > high[d]:
+            return False
     i, j, k = int(place[0] / voxel), int(place[1] / voxel), int(place[2] / voxel)
     if min(place[0], min(place[1], place[2])) < 0.0:
         return False
@@ -251,7 +255,7 @@ def _move(bricks, i, window, orientations, walls, space, turns, weights, rng, sc
                 axes[:] = best_axes
             for d in range(3):
                 place[d] = best[d] + SCATTER * shortest * scale * _normal(rng)
-        if (place < low).any() or (place > high).any() or not _is_inside(place, space):
+        if not _is_inside(place, window, space):
             continue
         found = _overlap(bricks, i, place, axes, walls, weights, least, scratch)
         if found < least:
@@ -263,7 +267,7 @@ def _move(bricks, i, window, orientations, walls, space, turns, weights, rng, sc
             d = n // 2  # along the brick's sides, which may be flush with a wall
             way = step if n % 2 else -step
             place[:] = best + way * best_axes[d]
-            if (place < low).any() or (place > high).any() or not _is_inside(place, space):
+            if not _is_inside(place, window, space):
                 continue
             found = _overlap(bricks, i, place, best_axes, walls, weights, least, scratch)
             if found < least:

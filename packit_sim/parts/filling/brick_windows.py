@@ -209,7 +209,7 @@ class BrickWindows:
 
     @property
     def is_possible(self) -> bool:
-        """Whether all parts are equal bricks, and nothing else is asked of a packing."""
+        """True for equal bricks without limits, groups or constraints."""
         return self._brick is not None
 
     def run(

@@ -303,7 +303,8 @@ class PackingSearch:
         """Search for more bricks in a container that is no empty box; return the most found."""
         bodies, iterations = self._nesting.bodies(box), self._task.settings.iterations
         windows = BrickWindows(self._task, box, counts, bodies, self._seed)
-        if not (bodies and windows.is_possible):
+        is_of_bricks = all(one.type in counts for one in start.placements)
+        if not (bodies and windows.is_possible and is_of_bricks):
             return start
         found = start
         begun = last = clock.perf_counter()
