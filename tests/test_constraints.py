@@ -15,6 +15,7 @@ from trimesh import creation
 from packit_sim import PackSettings, Part, pack
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.filling.candidates import in_order
+from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.filtering import filter_packing
@@ -23,7 +24,7 @@ from packit_sim.parts.handling.stability import stage_motions
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from tests.examples import examples
-from tests.packed_parts import CAGE, bowl, cuboid, moved, packed, table
+from tests.packed_parts import BAR, CAGE, bowl, cuboid, moved, packed, table
 
 BALL = creation.icosphere(subdivisions=2, radius=12).apply_translation((50, 50, 50))
 
@@ -207,6 +208,13 @@ def test_what_remains_meets_all_constraints_and_only_parts_are_missing(seed: int
     for part in left_out:  # none can return
         more = [packing.placements[n] for n in (*filtered.kept, part)]
         assert broken_constraints(replace(packing, placements=tuple(more)), constraints)
+
+
+@pytest.mark.parametrize(("mass", "is_said"), [(None, True), (20.0, False)])
+def test_a_stability_without_masses_is_said(mass: float | None, is_said: bool) -> None:
+    parts = [Part("a", creation.box((10, 10, 10)), mass=1.0), Part("b", BAR, mass=mass)]
+    task = prepared_task(parts, (100, 100, 100), "volume", PackSettings(stable=3.0))
+    assert any("count as 1 g/cm3 for the stability" in note for note in task.notes) == is_said
 
 
 def test_parts_are_not_lowered_onto_what_may_carry_nothing() -> None:

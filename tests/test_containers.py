@@ -26,6 +26,7 @@ from packit_sim import (
     Packing,
     PackSettings,
     Part,
+    WallClearance,
     nest,
     pack,
 )
@@ -33,6 +34,7 @@ from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.parts import check, film, removable, summary, write_instructions
+from packit_sim.parts.filling.convex_fits import convex_space
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.nesting.rounds import Problems
 from packit_sim.parts.nesting.settings import SearchSettings
@@ -268,6 +270,28 @@ def test_walls_fill_the_bounding_box_around_a_mesh() -> None:
 def test_only_a_knapsack_may_be_no_box(objective: str) -> None:
     with pytest.raises(ArgumentError, match="needs a box"):
         nest(types(), CylinderContainer(140, 100), objective, settings=FEW)
+
+
+def test_items_keep_their_clearance_from_each_other_not_from_the_wall() -> None:
+    square = of(creation.box((98 / math.sqrt(2), 98 / math.sqrt(2), 10)))
+    container = CylinderContainer(100, 50)
+    packing = nest([square], container, "knapsack", clearance=5.0, settings=FEW)
+    assert len(packing.placements) == 1 and packing.problems() == []
+
+
+def test_the_convex_space_in_a_cylinder() -> None:
+    walls = WallClearance(sides=5, floor=2, top=1)
+    space = convex_space(CylinderContainer(100, 50), walls)
+    assert space is not None
+    for point, is_inside in (
+        ((50, 50, 3), True),
+        ((50, 50, 1), False),
+        ((50, 50, 49.5), False),
+        ((94, 50, 25), True),
+        ((96, 50, 25), False),
+        ((14, 14, 25), False),
+    ):
+        assert (space.normals @ point <= space.distances).all() == is_inside, point
 
 
 def test_obstacles_in_a_cylinder_stay_free() -> None:

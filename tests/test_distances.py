@@ -1,6 +1,7 @@
 """Distances: along z apart from x and y, from each wall, and of each part."""
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,8 +29,10 @@ from packit_sim import (
 from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts import check, summary
+from packit_sim.parts.filling.box_nesting import BoxNesting
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.stretching import StretchedTypes
+from packit_sim.parts.nesting.balance import Balance
 from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.packings.checked_items import CheckedItem
 from packit_sim.parts.packings.packing_files import verify_packing
@@ -155,8 +158,9 @@ def test_the_lowest_packing_keeps_the_distance_along_z() -> None:
 def test_stretched_types_have_all_rotations_once(rotations: str) -> None:
     own = of(creation.capsule(height=20, radius=5), rotations=rotations, demand=2)
     stretched = StretchedTypes([own], 0.4)
+    shift = np.array((1.0, 2.0, 3.0))
     placements = [
-        stretched.unstretched(Placement(n, Motion(turn)))
+        stretched.unstretched(Placement(n, Motion(turn, shift)))
         for n, each in enumerate(stretched.types)
         for turn in matrices(each.rotations)
     ]
@@ -171,6 +175,20 @@ def test_stretched_types_have_all_rotations_once(rotations: str) -> None:
         scaled = stretched.types[back.type].vertices @ back.pose.rotation.T
         true = own.vertices @ one.pose.rotation.T * (1, 1, 0.4)
         assert np.allclose(scaled, true, atol=1e-9)
+        assert np.allclose(back.pose.translation, shift, atol=1e-9)
+
+
+def test_a_balance_is_the_same_in_stretched_space() -> None:
+    types = [of(creation.box(sides), rotations="axis-4") for sides in ((1, 2, 3), (4, 5, 6))]
+    stretched = StretchedTypes(types, 0.4)
+    own = Balance([2.0, 7.0], [(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)], (0.05, 0.05))
+    found = stretched.balance(own)
+    assert found.reach == own.reach
+    assert list(found.weights) == [own.weights[n] for n in stretched.numbers]
+    for n, centre in enumerate(found.centres):
+        one = stretched.unstretched(Placement(n))
+        true = own.centres[one.type] @ one.pose.rotation.T * (1, 1, 0.4)
+        assert centre == pytest.approx(true.tolist())
 
 
 def test_each_wall_has_its_distance(tmp_path: Path) -> None:
@@ -194,6 +212,15 @@ def test_each_wall_has_its_distance(tmp_path: Path) -> None:
     changed.write_text(json.dumps(record))
     (problem,) = verify_record(changed).problems
     assert "is 0 mm from the box's top wall: less than the clearance of 0.5 mm" in problem.sentence
+
+
+def test_the_search_has_the_space_inside_the_walls() -> None:
+    settings = replace(QUICK, wall_clearance=WallClearance(sides=5, floor=2, top=1))
+    task = prepared_task([Part("block", BLOCK)], "40x50x60mm", "volume", settings)
+    nesting = BoxNesting(task, threading.Event())
+    (box,) = task.boxes
+    assert nesting.inner(box).size == pytest.approx((30, 40, 57), abs=0.02)
+    assert nesting.inner(box, 20.0).size == pytest.approx((30, 40, 17), abs=0.02)
 
 
 def test_walls_of_other_containers() -> None:

@@ -123,6 +123,31 @@ def test_copies_are_packed_and_verified(
     assert len(list((out / "meshes").iterdir())) == 1
 
 
+def test_points_beside_a_mesh_are_no_part(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    for name, geometry in (("a", BLOCK), ("b", BLOCK), ("c", trimesh.PointCloud(np.eye(3)))):
+        scene.add_geometry(geometry, node_name=name, geom_name=name)
+    file = tmp_path / "both.glb"
+    file.write_bytes(scene.export(file_type="glb"))
+    for part in read_parts(file):
+        again = read_scene(part, copied(file), ".glb")  # type: ignore[arg-type]
+        assert again.extents == pytest.approx(BLOCK.extents)
+
+
+@pytest.mark.parametrize("missing", ["ROTATION", "TRANSLATION", "SCALE"])
+def test_the_check_reads_instances_without_some_attributes(tmp_path: Path, missing: str) -> None:
+    attributes = {
+        "ROTATION": np.array([[0, 0, np.sqrt(0.5), np.sqrt(0.5)]], np.float32),
+        "TRANSLATION": np.array([[1, 2, 3]], np.float32),
+        "SCALE": np.array([[1, 2, 3]], np.float32),
+    }
+    del attributes[missing]
+    file = instanced(tmp_path / "block.glb", **attributes)
+    (part,) = read_parts(file)
+    again = read_scene(part, copied(file), ".glb")  # type: ignore[arg-type]
+    assert again.extents == pytest.approx(part.raw.mesh.extents, abs=1e-7)
+
+
 def test_all_attributes_of_instances_are_read(tmp_path: Path) -> None:
     """Rotations may be floats, bytes or shorts; equal ones are counted, in one orientation."""
     half = np.sqrt(0.5)

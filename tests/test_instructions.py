@@ -48,6 +48,12 @@ def test_turns_are_said_in_words(axis, degrees, words) -> None:
     assert turn_in_words(turned(axis, np.radians(degrees))) == words
 
 
+def test_a_rotation_may_be_rounded() -> None:
+    assert turn_in_words(np.eye(3) * (1 + 1e-12)) == "Leave it as it is in its file."
+    half = np.diag((1.0, -1.0, -1.0)) * (1 + 1e-12)
+    assert turn_in_words(half) == "Upside down; its front faces the back wall."
+
+
 def test_each_of_the_24_rotations_has_its_own_words() -> None:
     assert len({turn_in_words(turn.astype(float)) for turn in MATRICES}) == 24
 

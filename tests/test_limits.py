@@ -12,6 +12,8 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts import summary
 from packit_sim.parts.filling.candidates import candidate
+from packit_sim.parts.filling.preparation import prepared_task
+from packit_sim.parts.filling.shelf_filling import allowed
 from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.reading.limits import grams, read_limits
@@ -148,6 +150,32 @@ def test_what_is_taken_out_and_added_keeps_limits(count: int) -> None:
     order = np.argsort(-values / limits.costs(values, np.ones(count), 1e9))
     best = limits.addable(np.zeros(count, bool), order)
     assert values[best].sum() >= (0.9 if count > 10 else 0.5) * most
+
+
+def test_items_that_go_make_room_for_others() -> None:
+    limits = ItemLimits(np.array([[1.0, 2.0, 3.0]]), np.array([4.0]))
+    left = limits.left(np.array([True, False, True]))
+    assert left == pytest.approx([0.0], abs=1e-6)
+    assert limits.allow(left, np.array([1]), np.array([2]))
+    assert not limits.allow(left, np.array([1]), np.array([0]))
+    assert not limits.allow(left, np.array([1]), np.array([], int))
+
+
+def test_shelves_get_what_the_limits_allow() -> None:
+    settings = replace(QUICK, limits=Limits(max_mass=50, max_parts=4))
+    parts = [cube("light", count=9, mass=10), cube("heavy", count=9, mass=30)]
+    task = prepared_task(parts, (40, 40, 40), "volume", settings)
+    (box,) = task.boxes
+    assert allowed(task, box, {0: 9, 1: 9}) == {0: 4}
+    assert allowed(task, box, {0: 2, 1: 9}) == {0: 2, 1: 1}
+    assert allowed(task, box, {1: 9}) == {1: 1}
+
+
+def test_what_fills_a_box_exactly_may_be_in_it() -> None:
+    task = prepared_task([cube("a", 20, count=8)], (40, 40, 40), "volume", QUICK)
+    (box,) = task.boxes
+    assert task.may_hold(box, [0])
+    assert not task.may_hold(box, [0, 0])
 
 
 def test_further_orders_of_construction_find_more_within_limits() -> None:
