@@ -145,10 +145,20 @@ def test_windows_hold_whether_any_cell_is_taken() -> None:
             assert found == padded[i : i + side, j : j + side, k : k + side].any()
 
 
-@pytest.mark.parametrize("kind", range(3))
-def test_cubes_cover_a_solid_and_lie_in_it(kind: int) -> None:
-    each = shapes(3)[kind]
-    own = voxelized(each.vertices[each.faces] - (each.low + each.high) / 2, 0.05)
+def with_holes() -> Any:
+    """Return a block of cells of which some single ones are missing."""
+    own = np.ones((12, 13, 40), np.uint8)
+    own[tuple(np.random.default_rng(0).integers(own.shape, size=(20, 3)).T)] = 0
+    return own
+
+
+@pytest.mark.parametrize("kind", ["ring", "cone", "plate", "block with holes"])
+def test_cubes_cover_a_solid_and_lie_in_it(kind: str) -> None:
+    solids = [
+        voxelized(each.vertices[each.faces] - (each.low + each.high) / 2, 0.05)
+        for each in shapes(3)
+    ]
+    own = dict(zip(("ring", "cone", "plate"), solids, strict=True)).get(kind, with_holes())
     covered = np.zeros(own.shape, int)
     for i, j, k, side in cover(own):
         covered[i : i + side, j : j + side, k : k + side] += 1
