@@ -2,6 +2,7 @@
 
     .venv/bin/python -m benchmarks.many_parts --parts 100 300 628 --seeds 1 2 3
     .venv/bin/python -m benchmarks.many_parts --parts 100 --seeds 1 2 3 --cluster
+    .venv/bin/python -m benchmarks.many_parts --parts 100 --seeds 1 2 3 --ablations
     .venv/bin/python -m benchmarks.many_parts --table
 
 The parts are shapes of `everyday`, drawn without repetition as long as there are enough, with a
@@ -11,7 +12,8 @@ and its packing is checked by the meshes. Each result is written to
 `benchmarks/results/many_parts.json` at once, and what has a result is not searched again. `--table`
 writes the table of `docs/benchmarks/nesting-many.md` and fits the exponents of growth. `--cluster`
 searches twice, for equal processor time of each worker: with threads, and on two machines of a Ray
-cluster on this computer.
+cluster on this computer. `--ablations` searches with one worker for these seconds of processor
+time, each time without one part of the search.
 """
 
 from __future__ import annotations
@@ -22,9 +24,11 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +43,16 @@ from benchmarks.common import (
     write_json,
 )
 from packit_sim import Item, ItemType, NestSettings, Packing, ShapeLibrary, nest
+from packit_sim.parts.nesting.nest import NestingError
+from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "nesting-many.md"
 
 BLOCK = "many parts"
 """Between these comments the page has the table."""
+
+ABLATIONS_BLOCK = "many ablations"
+"""Between these comments the page has the table of `--ablations`."""
 
 FILE = "many_parts.json"
 
@@ -61,6 +70,17 @@ DENSITY = 0.35
 
 CLEARANCE = 0.01
 """The clearance of `--clearance`, as a share of the base's side."""
+
+
+WITHOUT: dict[str, dict[str, Any]] = {
+    "nothing": {},
+    "cells: fields of pairs": {"most_fields": 10**9},
+    "further constructions": {"constructing": 0.0},
+    "separations": {"constructing": 1.0},
+    "settling": {"settling_steps": (0.0, 0.04)},
+    "moves of all items at once": {"compacting_moves": 0},
+}
+"""What each ablation goes without, and the settings for that."""
 
 
 def parts(count: int, seed: int) -> tuple[list[ItemType], float]:
@@ -138,13 +158,42 @@ def compared(count: int, seed: int) -> dict[str, Any]:
     return {name: (run["history"][-1][1], len(run["problems"])) for name, run in runs.items()}
 
 
+def ablated(count: int, seed: int, without: str) -> dict[str, Any]:
+    """Search without one of the parts of the search in `WITHOUT`."""
+    settings = replace(DEFAULT_SETTINGS, **WITHOUT[without])
+    try:
+        run = search(
+            count, seed, False, NestSettings(workers=1, clock="processor", search=settings)
+        )
+    except NestingError:  # no packing was found in time
+        return {"parts": count, "density": None, "problems": []}
+    return {"parts": count, "density": run["history"][-1][1], "problems": run["problems"]}
+
+
+def ablation_table(runs: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
+    """Tabulate the densities without each part of the search, of sets that were packed with all."""
+    whole = runs["nothing"]
+    rows = []
+    for without, own in runs.items():
+        found = [own[name]["density"] for name in whole if name in own]
+        problems = sum(len(each["problems"]) for each in own.values())
+        if None in found:
+            rows.append((without, len(found), "no packing in time", "", problems))
+            continue
+        changes = [own[name]["density"] - whole[name]["density"] for name in whole if name in own]
+        rows.append(
+            (without, len(found), _spread(found, ".3f"), _spread(changes, "+.3f"), problems)
+        )
+    return markdown_table(("without", "sets", "density", "change", "problems"), rows)
+
+
 def measure(count: int, seed: int, has_clearance: bool) -> dict[str, Any]:
     """Run a search in a new process, since memory is that of a process."""
     options = ["--one", str(count), str(seed)] + ["--clearance"] * has_clearance
     command = [sys.executable, "-m", "benchmarks.many_parts", *options]
     result = subprocess.run(command, check=True, capture_output=True, text=True)
     found: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
-    return found
+    return {"parts": count, "seed": seed, "clearance": has_clearance, **found}
 
 
 def table(runs: Mapping[str, Mapping[str, Any]]) -> str:
@@ -215,6 +264,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--clearance", action="store_true", help="of 1% of the base's side")
     parser.add_argument("--cluster", action="store_true", help="compare threads with a cluster")
+    parser.add_argument("--ablations", action="store_true", help="search without parts of it")
     parser.add_argument("--one", nargs=2, type=int, help="print one search: parts and seed")
     parser.add_argument("--table", action="store_true", help="write the table into the page")
     arguments = parser.parse_args()
@@ -224,27 +274,29 @@ def main() -> None:
         return
     file = arguments.out / FILE
     before = json.loads(file.read_text()) if file.exists() else {}
-    runs, clusters = (before.get(key, {}) for key in ("runs", "clusters"))
-    head = {"command": "python -m benchmarks.many_parts", "machine": machine()}
-    for count in arguments.parts:
-        for seed in arguments.seeds:
-            name = f"{count} parts, seed {seed}" + ", clearance" * arguments.clearance
-            if arguments.cluster:
-                if name not in clusters:
-                    clusters[name] = compared(count, seed)
-                    print(name, clusters[name], flush=True)
-            elif name not in runs:
-                found = measure(count, seed, arguments.clearance)
-                runs[name] = {
-                    "parts": count,
-                    "seed": seed,
-                    "clearance": arguments.clearance,
-                    **found,
-                }
-                print(name, found["history"][0], found["history"][-1], flush=True)
-            write_json(file, {**head, "runs": runs, "clusters": clusters})
+    found = {key: before.get(key, {}) for key in ("runs", "clusters", "ablations")}
+
+    def note(where: dict[str, Any], name: str, measured: Callable[[], Any]) -> None:
+        """Measure what has no result yet, and write it."""
+        if name not in where:
+            where[name] = measured()
+            print(name, where[name], flush=True)
+            head = {"command": "python -m benchmarks.many_parts", "machine": machine()}
+            write_json(file, {**head, **found})
+
+    for given in product(arguments.parts, arguments.seeds):
+        name = "{} parts, seed {}".format(*given) + ", clearance" * arguments.clearance
+        if arguments.cluster:
+            note(found["clusters"], name, partial(compared, *given))
+        elif arguments.ablations:
+            for without in WITHOUT:
+                own = found["ablations"].setdefault(without, {})
+                note(own, name, partial(ablated, *given, without))
+        else:
+            note(found["runs"], name, partial(measure, *given, arguments.clearance))
     if arguments.table and arguments.out == RESULTS:
-        write_into_page(PAGE, table(runs), BLOCK)
+        write_into_page(PAGE, table(found["runs"]), BLOCK)
+        write_into_page(PAGE, ablation_table(found["ablations"]), ABLATIONS_BLOCK)
 
 
 if __name__ == "__main__":
