@@ -37,7 +37,7 @@ from benchmarks.nesting.cases import place_lowest
 from benchmarks.peers.heightmaps import Heightmaps
 from benchmarks.peers.spectral import Spectral
 from packit_sim import Box, ItemType, Task
-from packit_sim.geometry.lattice import CELL, STEP
+from packit_sim.geometry.lattice import CELL, MAX_CELLS, STEP
 from packit_sim.render import plots
 
 BLOCK = "many rivals"
@@ -47,7 +47,7 @@ FILE = "many_rivals.json"
 
 PICTURE = PAGE.parents[1] / "images" / "benchmark-nesting-many.png"
 
-CELLS = 48, 64, 96, 128, 160, 192, 224
+CELLS = 48, 64, 96, 128, 160, 192, 224, 320
 """Cells along a side of the base, one grid after the other."""
 
 HIGHEST = 2.2
@@ -91,18 +91,19 @@ def tried(
     """Return grids, processor seconds and densities of a rule, until its time is over."""
     volume = sum(one.volume for one in types)
     runs = []
-    for cells in CELLS:
+    for cells, finer in zip(CELLS, (*CELLS[1:], math.inf), strict=True):
         unit = side / (cells * CELL)
-        task = Task.of(items_of(types, unit), (cells, cells, STEP * int(HIGHEST * cells / STEP)))
+        height = min(STEP * int(HIGHEST * cells / STEP), MAX_CELLS)
+        task = Task.of(items_of(types, unit), (cells, cells, height))
         started = time.process_time()
-        height = rule(task) * CELL * unit
+        top = rule(task) * CELL * unit
         taken = time.process_time() - started
         if taken > seconds:
             break
-        if height < math.inf:
-            density = round(volume / (side * side * height), 4)
+        if top < math.inf:
+            density = round(volume / (side * side * top), 4)
             runs.append({"cells": cells, "seconds": round(taken, 1), "density": density})
-        if taken * (CELLS[-1] / CELLS[-2]) ** 3 > seconds:
+        if taken * (finer / cells) ** 2 > seconds:
             break
     return runs
 
