@@ -38,8 +38,17 @@ ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
 
 JUDGED = RESULTS / "mutants_judged.json"
-"""What was found of survivors: "equivalent" and why; "other", a test that was not run and kills it;
-or "added", a new test that does."""
+"""What was found of survivors, by the keys of `KINDS`: why, or for the last two a test."""
+
+KINDS = {
+    "equivalent": "equivalent",
+    "search": "search only",
+    "other": "other tests",
+    "added": "tests added",
+}
+"""How a survivor may be judged, and the names in the table: nothing changes; a search looks at
+other places or takes another time, and what it finds is checked as before; a test that was not run
+kills it; or a new test does."""
 
 
 _GEOMETRY = ("rotations", "voxels", "voxelization", "voxel_kernels", "voxelization_kernels")
@@ -95,7 +104,7 @@ GROUPS = {
 
 HEAD = (
     *("module", "mutants", "drawn", "killed at first", "by time limit", "survived"),
-    *("equivalent", "other tests", "tests added", "left"),
+    *(*KINDS.values(), "left"),
 )
 """The columns of the page's table."""
 
@@ -282,7 +291,7 @@ def _row(name: str, size: int, records: list[Record]) -> tuple[object, ...]:
     survived = [record for record in records if record["outcome"] == "survived"]
     killed = len(records) - len(survived)
     timeouts = sum(record["outcome"] == "timeout" for record in records)
-    judged = [sum(key in record for record in survived) for key in ("equivalent", "other", "added")]
+    judged = [sum(key in record for record in survived) for key in KINDS]
     share = f"{killed} ({killed / len(records):.0%})"
     counts = (size, len(records), share, timeouts, len(survived))
     label = f"`{name}`" if name != "all" else name
