@@ -80,9 +80,9 @@ def plan(
     -------
     list of str
         Tests that execute the line; of a line that runs at the import, those that use the module;
-        of a compiled line, which is not traced, those that use a module that calls it. The first
-        are those that killed most, then those of the module's own files. Tests of a file stay
-        together, since they share what they prepare.
+        of a compiled line, which is not traced, those that use a module that calls it, or whose
+        file does. The first are those that killed most, then those of the module's own files. Tests
+        of a file stay together, since they share what they prepare.
     """
     module, mutation = mutant
     name = Path(module).stem.removesuffix("_kernels")
@@ -92,6 +92,9 @@ def plan(
         for caller, lines in baseline.lines.items():
             if any(_imports(copy / caller, own) for own in compiled):
                 tests |= set(lines[0])
+        files = sorted({_file(test) for test in baseline.seconds})
+        direct = {file for file in files if any(_imports(copy / file, own) for own in compiled)}
+        tests |= {test for test in baseline.seconds if _file(test) in direct}
     else:
         lines = baseline.lines[module]
         for line in range(mutation.line, mutation.end[0] + 1):

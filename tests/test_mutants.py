@@ -4,12 +4,14 @@ import ast
 import json
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from benchmarks.common import table_in_page
 from campaigns import common, mutant_runs, mutants
+from campaigns.mutant_plans import plan
 from campaigns.mutations import mutations
 
 PLANTED = '''
@@ -36,6 +38,7 @@ RUN = """
 import json, sys
 from pathlib import Path
 from campaigns import mutant_runs
+from campaigns.mutant_plans import plan
 from campaigns.mutations import mutations
 mutant_runs.SLACK = mutant_runs.COMPILATION = 0.3
 copy, module = Path(sys.argv[1]), "small/planted.py"
@@ -106,6 +109,14 @@ def test_compiled_callers_of_a_kernel_are_found() -> None:
     found = mutant_runs.kernel_modules(mutants.ROOT, f"{nesting}/cost_kernels.py")
     callers = ("conflict", "construction", "contact", "pushing", "separation", "settling")
     assert {f"{nesting}/{name}_kernels.py" for name in callers} <= set(found)
+
+
+def test_tests_that_call_a_kernel_are_run_on_its_mutants() -> None:
+    direct, other = "tests/test_nest_conflicts.py::test_a", "tests/test_plates.py::test_b"
+    baseline = mutant_runs.Baseline({other: 1.0, direct: 1.0}, {}, [])
+    module = "packit_sim/parts/nesting/surface_kernels.py"
+    mutation = mutations((mutants.ROOT / module).read_text())[0]
+    assert plan(baseline, mutants.ROOT, (module, mutation), Counter()) == [direct]
 
 
 @pytest.mark.slow
