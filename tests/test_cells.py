@@ -69,13 +69,20 @@ def lowest_by_trial(taken: Any, own: Any) -> int | None:
     return None
 
 
-@pytest.mark.parametrize("rotations", ["cube", "axis-6"])
-def test_items_go_to_the_lowest_of_all_places(rotations: str) -> None:
+@pytest.mark.parametrize(
+    ("rotations", "floor"), [("cube", 0), ("cube", 1), ("cube", 2), ("cube", 3), ("axis-6", 0)]
+)
+def test_items_go_to_the_lowest_of_all_places(rotations: str, floor: int) -> None:
+    """Four cells in height share a word, hence four heights of the floor."""
     types = shapes(9, rotations)
     problem = build(types, 4.4, 0.0, by_cells=True, has_fields=False)
     cells = cells_of(problem, SIDE)
     space = Space(cells, boxes_of([(4.4, 4.0, math.inf)])[0])
     taken = np.zeros((20, 19, 120), bool)
+    if floor:
+        taken[:, :, :floor] = True
+        plate = creation.box(bounds=((-1, -1, -1), (6, 6, (floor - 0.1) * SIDE)))
+        space.put(np.asarray(plate.triangles), 0.0)
     tops = []
     for t in range(len(types)):
         turns = problem.allowed[t, : problem.allowed_counts[t]]
@@ -161,11 +168,13 @@ def test_cubes_cover_a_solid_and_lie_in_it(kind: str) -> None:
     own = dict(zip(("ring", "cone", "plate"), solids, strict=True)).get(kind, with_holes())
     covered = np.zeros(own.shape, int)
     for i, j, k, side in cover(own):
+        assert (np.array((i, j, k)) + side <= own.shape).all()
         covered[i : i + side, j : j + side, k : k + side] += 1
     assert np.array_equal(covered, own)
     large = inner_cubes(own, 30)
     assert (large[:-1, 3] >= large[1:, 3]).all() and len(large) > 3
     for i, j, k, side in large:
+        assert (np.array((i, j, k)) + side <= own.shape).all()
         assert own[i : i + side, j : j + side, k : k + side].all()
 
 
