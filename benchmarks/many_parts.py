@@ -181,9 +181,8 @@ def ablation_table(runs: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
             rows.append((without, len(found), "no packing in time", "", problems))
             continue
         changes = [own[name]["density"] - whole[name]["density"] for name in whole if name in own]
-        rows.append(
-            (without, len(found), _spread(found, ".3f"), _spread(changes, "+.3f"), problems)
-        )
+        change = _spread(changes, "+.3f") if without != "nothing" else ""
+        rows.append((without, len(found), _spread(found, ".3f"), change, problems))
     return markdown_table(("without", "sets", "density", "change", "problems"), rows)
 
 
