@@ -59,7 +59,7 @@ class CellSeparation:
         settings = self._task.settings
         cells = cells_of(problem, self._side)
         if self._begun is None:
-            self._begun = self._on_grid(cells)
+            self._begun = self.on_grid(cells)
         state, grid, size = self._begun
         weights = *settings.weight_growth, settings.weight_decay
         while self._overlap > 0 and self._idle < settings.cell_patience:
@@ -77,7 +77,7 @@ class CellSeparation:
         self.least = self._lifted(problem, rng)
         return True
 
-    def _on_grid(self, cells: Cells) -> tuple[State, CellState, Ints]:
+    def on_grid(self, cells: Cells) -> tuple[State, CellState, Ints]:
         """Return the poses on the grid, in a strip that is as high as it may be."""
         task = self._task
         height = math.ceil(self._height / cells.side) + self._more
