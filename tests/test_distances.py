@@ -1,6 +1,7 @@
 """Distances: along z apart from x and y, from each wall, and of each part."""
 
 import json
+import math
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -212,6 +213,13 @@ def test_each_wall_has_its_distance(tmp_path: Path) -> None:
     changed.write_text(json.dumps(record))
     (problem,) = verify_record(changed).problems
     assert "is 0 mm from the box's top wall: less than the clearance of 0.5 mm" in problem.sentence
+
+
+@pytest.mark.parametrize("name", ["sides", "floor", "top"])
+def test_a_distance_from_a_wall_is_within_its_range(name: str) -> None:
+    for wrong in (-1.0, math.nan, math.inf, 1e300):
+        with pytest.raises(ArgumentError, match=f"the wall clearance {name}"):
+            WallClearance(**{name: wrong})
 
 
 def test_the_search_has_the_space_inside_the_walls() -> None:
