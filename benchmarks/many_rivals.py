@@ -120,7 +120,9 @@ def rows(
             [max((one["density"] for one in runs[name][rule]), default=np.nan) for name in names]
             for rule in RULES
         ]
-        means = (f"{np.mean(values):.3f}" for values in (ours, *rules))
+        means = (
+            "none" if np.isnan(mean) else f"{mean:.3f}" for mean in np.mean((ours, *rules), axis=1)
+        )
         found.append((f"{count:,}", len(names), WORKERS * SECONDS[count], *means))
     return found
 
@@ -150,9 +152,11 @@ def draw(runs: Mapping[str, Mapping[str, Any]], searches: Mapping[str, Mapping[s
                         axis.plot(*np.transpose(own), "o-", color=color, lw=0.8, ms=3, label=rule)
             axis.set(title=f"{count:,} parts", xlabel="processor seconds", xscale="log")
         axes[str(counts[0])].set_ylabel("density")
-        handles, labels = axes[str(counts[0])].get_legend_handles_labels()
-        unique = dict(zip(labels, handles, strict=True))
-        figure.legend(unique.values(), unique.keys(), loc="outside upper center", ncols=4)
+        known = [axes[str(count)].get_legend_handles_labels() for count in counts]
+        unique = {label: handle for own in known for handle, label in zip(*own, strict=True)}
+        names = [name for name in ("nest", *RULES) if name in unique]
+        handles = [unique[name] for name in names]
+        figure.legend(handles, names, loc="outside upper center", ncols=len(names))
 
 
 def main() -> None:
