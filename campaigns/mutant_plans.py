@@ -19,11 +19,13 @@ TESTS = tuple(f"tests/test_{name}.py" for name in _OF_THE_GAME)
 """The files of tests that are run on mutants of the game and its ground."""
 
 _OF_PARTS = (
-    *("as_many_as_fit", "bad_folders", "balance", "box_lists", "builtin_instances", "cells"),
+    *("as_many_as_fit", "bad_folders", "balance", "box_lists", "brick_windows"),
+    *("builtin_instances", "cells"),
     *("closed_meshes", "compaction", "constraints", "containers", "deliveries", "distances"),
     *("evening", "exact_fits", "films", "fitting", "gltf_files", "groups", "hostile_parts"),
     *("instances", "instructions", "lattices", "layers", "limits", "motions", "named_containers"),
-    *("nest", "nest_cli", "nest_conflicts", "nesting_types", "nesting_validity", "number_bounds"),
+    *("nest", "nest_cli", "nest_conflicts", "nest_estimates", "nest_separation", "nesting_copies"),
+    *("nesting_types", "nesting_validity", "number_bounds"),
     *("own_files", "pack", "pack_cli", "pack_limits", "pack_results", "packing_film"),
     *("packing_page", "part_lists", "plates", "platforms", "public_reports", "rebuilding"),
     *("removal", "requests", "resuming", "same_packings", "separability", "settling"),
