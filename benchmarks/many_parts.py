@@ -80,7 +80,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "settling": {"settling_steps": (0.0, 0.04)},
     "moves of all items at once": {"compacting_moves": 0},
 }
-"""What each ablation goes without, and the settings for that."""
+"""Settings of the ablations, by the part of the search that each goes without."""
 
 
 def parts(count: int, seed: int) -> tuple[list[ItemType], float]:
@@ -175,12 +175,13 @@ def ablation_table(runs: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     whole = runs["nothing"]
     rows = []
     for without, own in runs.items():
-        found = [own[name]["density"] for name in whole if name in own]
+        names = [name for name in whole if name in own]
+        found = [own[name]["density"] for name in names]
         problems = sum(len(each["problems"]) for each in own.values())
         if None in found:
             rows.append((without, len(found), "no packing in time", "", problems))
             continue
-        changes = [own[name]["density"] - whole[name]["density"] for name in whole if name in own]
+        changes = [own[name]["density"] - whole[name]["density"] for name in names]
         change = _spread(changes, "+.3f") if without != "nothing" else ""
         rows.append((without, len(found), _spread(found, ".3f"), change, problems))
     return markdown_table(("without", "sets", "density", "change", "problems"), rows)

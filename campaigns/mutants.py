@@ -38,7 +38,7 @@ ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
 
 JUDGED = RESULTS / "mutants_judged.json"
-"""What was found of survivors, by the keys of `KINDS`: why, or for the last two a test."""
+"""Judgements of survivors, by the keys of `KINDS`: a reason, or for the last two a test."""
 
 KINDS = {
     "equivalent": "equivalent",

@@ -35,12 +35,19 @@ def test_layers_of_a_packing() -> None:
     assert found.variation == pytest.approx(1 / 3)
 
 
-def test_the_powder_of_a_build() -> None:
-    part = Part("cube", creation.box((10, 10, 10)), 3, rotations="fixed", density=1.0)
+@pytest.mark.parametrize(
+    ("count", "text"),
+    [
+        (4, "4 g, 100% of it parts; 0.8 g fresh at 20%"),
+        (3, "3.5 g, 85.71% of it parts; 0.7 g fresh at 20%"),
+    ],
+)
+def test_the_powder_of_a_build(count: int, text: str) -> None:
+    part = Part("cube", creation.box((10, 10, 10)), count, rotations="fixed", density=1.0)
     settings = PackSettings(workers=1, iterations=20, powder=Powder(0.5, 0.2))
     packed = pack([part], (20, 20, 30), settings=settings)
     assert packed.height == pytest.approx(10)
-    assert summary(packed)["powder"] == "3.5 g, 85.71% of it parts; 0.7 g fresh at 20%"
+    assert summary(packed)["powder"] == text
     with pytest.raises(ArgumentError, match="a powder needs masses: part 'cube' has no mass"):
         pack([Part("cube", part.mesh)], (20, 20, 30), settings=settings)
 

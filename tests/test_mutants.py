@@ -38,7 +38,6 @@ RUN = """
 import json, sys
 from pathlib import Path
 from campaigns import mutant_runs
-from campaigns.mutant_plans import plan
 from campaigns.mutations import mutations
 mutant_runs.SLACK = mutant_runs.COMPILATION = 0.3
 copy, module = Path(sys.argv[1]), "small/planted.py"
