@@ -68,6 +68,7 @@ class ArmWorld(World):
             )
         self._grip: int | None = None
         self._fixture: int | None = None
+        self._sleeping: frozenset[int] = frozenset()
 
     def start_at(self, joints: Floats) -> None:
         """Put the arm somewhere, at rest."""
@@ -122,7 +123,7 @@ class ArmWorld(World):
             )
 
     def sleep(self, items: Sequence[int], enabled: bool) -> None:
-        """Let items at rest sleep until something touches them, or keep them awake."""
+        """Let items at rest sleep until something touches them, or wake all."""
         state = (
             self._pybullet.ACTIVATION_STATE_SLEEP
             if enabled
@@ -132,6 +133,7 @@ class ArmWorld(World):
             self._pybullet.changeDynamics(
                 self._items[item].number, -1, activationState=state, physicsClientId=self._client
             )
+        self._sleeping = frozenset(items) if enabled else frozenset()
 
     def grip(self, item: int) -> None:
         """Attach an item to the tool where both are, and open the fixture."""
@@ -168,12 +170,16 @@ class ArmWorld(World):
         return force, math.hypot(*state[3:6]) / self._scale**2
 
     @property
-    def poses(self) -> Floats:
-        """Poses of the bodies, (n, 7): position in box units and quaternion x, y, z, w."""
-        found = np.empty((len(self._items), 7))
-        for n, item in enumerate(self._items):
-            found[n, :3], found[n, 3:] = self._pybullet.getBasePositionAndOrientation(
-                item.number, physicsClientId=self._client
+    def awake(self) -> list[int]:
+        """The items that do not sleep."""
+        return [n for n in range(len(self._items)) if n not in self._sleeping]
+
+    def poses(self, items: Sequence[int]) -> Floats:
+        """Look up poses of bodies, (n, 7): position in box units and quaternion x, y, z, w."""
+        found = np.empty((len(items), 7))
+        for row, item in enumerate(items):
+            found[row, :3], found[row, 3:] = self._pybullet.getBasePositionAndOrientation(
+                self._items[item].number, physicsClientId=self._client
             )
         found[:, :3] /= UNIT
         return found
