@@ -5,12 +5,15 @@ import os
 import subprocess
 import sys
 from importlib.metadata import version
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
+import numba
+import numpy as np
 import pytest
 
 from packit_sim.core import typed_json
+from packit_sim.core.compilation import allocating_kernel, inner_kernel
 from packit_sim.core.errors import PackFormatError
 
 TRIED = {
@@ -62,7 +65,7 @@ def test_numba_uses_cached_code_only_with_the_same_stamp(tmp_path) -> None:
 INNER = """
 import numpy as np
 from numba.core import event
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, kernel
 
 compiled = []
 class Listener(event.Listener):
@@ -72,7 +75,7 @@ class Listener(event.Listener):
         pass
 event.register("numba:compile", Listener())
 
-@inner_kernel
+@allocating_kernel
 def scaled(values, factor):
     total = np.zeros(2)
     for value in values:
@@ -101,6 +104,82 @@ def test_kernels_for_kernels_are_compiled_once_and_only_where_they_are_called(tm
     assert output() == "21.0 ['both', 'scaled']\n"
     assert output() == "21.0 []\n"
     assert len(list((tmp_path / "cache").rglob("*.nbc"))) == 1
+
+
+class Pair(NamedTuple):
+    """Two arrays."""
+
+    one: np.ndarray
+    two: np.ndarray
+
+
+def rest(pair):
+    return pair.one[1:]
+
+
+def last(pair):
+    return pair, pair.two[-1]
+
+
+def total(pair):
+    found = 0.0
+    longer = pair.one
+    for n in range(len(pair.one)):
+        longer = pair.two if n % 2 else longer[:2]
+        found += longer[0] * pair.two[n]
+    return found
+
+
+@pytest.mark.parametrize(("decorator", "counts"), [(inner_kernel, 0), (allocating_kernel, 1)])
+def test_only_inner_kernels_count_no_references(decorator, counts) -> None:
+    inner = decorator(total)
+
+    @numba.njit
+    def outer(pair):
+        return inner(pair)
+
+    assert outer(Pair(np.array([1.0, 3.0, 2.0]), np.array([1.0, 10.0, 100.0]))) == 111
+    (code,) = inner.inspect_llvm().values()
+    assert ("NRT_incref" in code) == counts
+
+
+def gets_rest(pair):
+    return len(ALLOCATING[0](pair))
+
+
+def largest(pair):
+    return pair.one.max()
+
+
+def largest_by_numpy(pair):
+    return np.max(pair.one)
+
+
+def gets_last(pair):
+    return ALLOCATING[1](pair)[1]
+
+
+FAULT = "returns an array, or calls what creates one: make it an allocating_kernel"
+ALLOCATING = allocating_kernel(rest), allocating_kernel(last)
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (rest, "Only accept returning of array passed"),  # by numba
+        (last, f"last {FAULT}"),
+        (gets_rest, f"gets_rest {FAULT}"),
+        (largest, f"largest {FAULT}"),
+        (largest_by_numpy, f"largest_by_numpy {FAULT}"),
+        (gets_last, f"gets_last {FAULT}"),
+    ],
+)
+def test_inner_kernels_neither_return_arrays_nor_get_any_from_kernels(function, words) -> None:
+    inner, pair = inner_kernel(function), Pair(np.arange(3.0), np.arange(3.0))
+    outer = numba.njit(lambda pair: inner(pair))
+    numba.njit(largest)(pair)  # else numba refuses to compile its own `max` without references
+    with pytest.raises((TypeError, numba.TypingError), match=words):
+        outer(pair)
 
 
 class Record(msgspec.Struct, forbid_unknown_fields=True):

@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 import numba
-from numba.core import event
+from numba.core import event, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.types.misc import unliteral
 
@@ -56,9 +56,9 @@ def kernel(function: Callable[..., Any]) -> Any:
     if numba.config.DISABLE_JIT:
         return function
     try:
-        compiled = numba.njit(cache=True, nogil=True)(function)
+        compiled = numba.njit(cache=True, nogil=True, _nrt=True)(function)
     except RuntimeError:  # numba found no folder that is writable
-        compiled = numba.njit(nogil=True)(function)
+        compiled = numba.njit(nogil=True, _nrt=True)(function)
     else:
         stamp(compiled, _digest(function.__module__))
     return _one_at_a_time(compiled)
@@ -71,16 +71,84 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
     ----------
     function : callable
         The function; Python can't call it. It has no cache: the kernels that call it contain it.
+        It creates no arrays: it gets those that it works on, and it returns none, and neither
+        does what it calls. Else numba says `NRT required`, or a TypeError is raised.
+
+    Returns
+    -------
+    callable
+        The compiled function.
+
+    Notes
+    -----
+    numba counts references to the array of each view and each field of a tuple, by atomic
+    instructions. In a search for strips these took a fourth of the time; here none are counted.
+    """
+    return _inner(function, allocates=False)
+
+
+def allocating_kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function for other kernels only that creates arrays or returns any.
+
+    Parameters
+    ----------
+    function : callable
+        The function; in all else it is like an `inner_kernel`.
 
     Returns
     -------
     callable
         The compiled function.
     """
+    return _inner(function, allocates=True)
+
+
+def _inner(function: Callable[..., Any], allocates: bool) -> Any:
     if numba.config.DISABLE_JIT:
         return function
-    options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return _one_at_a_time(numba.njit(nogil=True, pipeline_class=InnerCompiler, **options)(function))
+    options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": allocates}
+    compiled = numba.njit(nogil=True, pipeline_class=InnerCompiler, **options)(function)
+    return _one_at_a_time(compiled if allocates else _without_arrays(compiled))
+
+
+def _without_arrays(compiled: Any) -> Any:
+    """Raise if a kernel that counts no references returns an array, or gets one.
+
+    It would be freed while it is used, or never. numba's own functions of arrays, such as `max`,
+    may create some: whether they can then be compiled depends on who calls them first.
+    """
+    compile_new = compiled.compile
+
+    def checked(signature: Any) -> Any:
+        entry = compile_new(signature)
+        made = compiled.overloads[signature]
+        kinds, calls = made.type_annotation.typemap, made.type_annotation.calltypes
+        steps = [(step, call) for step, call in calls.items() if getattr(step, "op", "") == "call"]
+        is_fault = any(_may_create(kinds[step.func.name], call) for step, call in steps)
+        if is_fault or _has_arrays(made.signature.return_type):
+            name = f"{compiled.py_func.__module__}.{compiled.py_func.__name__}"
+            raise TypeError(
+                f"{name} returns an array, or calls what creates one: make it an allocating_kernel"
+            )
+        return entry
+
+    compiled.compile = checked
+    return compiled
+
+
+def _may_create(callee: Any, call: Any) -> bool:
+    """Return whether a function that is called may create an array."""
+    if isinstance(callee, types.Dispatcher):
+        return _has_arrays(call.return_type)
+    if isinstance(callee, types.BoundFunction):
+        return isinstance(callee.this, types.Array) and callee.typing_key != "array.reshape"
+    is_numpys = getattr(getattr(callee, "typing_key", None), "__module__", None) == "numpy"
+    return is_numpys and any(map(_has_arrays, call.args))
+
+
+def _has_arrays(kind: Any) -> bool:
+    parts = getattr(kind, "types", ())  # of a tuple
+    return isinstance(kind, types.Array) or any(map(_has_arrays, parts))
 
 
 def _one_at_a_time(compiled: Any) -> Any:

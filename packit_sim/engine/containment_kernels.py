@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 
 _STACK = 64
 """Nodes that can wait: depth first, at most one more for each level of the tree."""
@@ -104,7 +104,7 @@ def _is_within(box, other, shift):
     return True
 
 
-@inner_kernel
+@allocating_kernel
 def _to_frame(turn, points_turn, shift):
     """Return the rotation (3, 3) and translation (3,) from the points' frame to the surface's."""
     to_frame = np.empty((3, 3))
@@ -129,7 +129,7 @@ def _move(point, to_frame, moved, out):
         )
 
 
-@inner_kernel
+@allocating_kernel
 def _count_windings(triangles, part, boxes, starts, point, windings):
     """Add to `windings` (q,) how often each closed part winds around the point."""
     waiting = np.empty(_STACK, np.int64)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 
 _CUTS_TO_FIT = 64
 """Cuts of a triangle, one inside the other, after which its pieces are only halved."""
@@ -155,7 +155,7 @@ def divided(waiting, top, a, b, is_first):
     return top + 2
 
 
-@inner_kernel
+@allocating_kernel
 def _nearest(points, surface, guess, enough, most):
     """Find the triangle whose largest distance from points (n, 3) is least: distance and number.
 

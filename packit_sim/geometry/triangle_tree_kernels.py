@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, kernel
 
 _STACK = 64
 """Nodes that can wait: more than the levels of a tree."""
@@ -30,7 +30,7 @@ def meeting(tree, region):
     return numbers[: collect(tree, region, numbers)].copy()
 
 
-@inner_kernel
+@allocating_kernel
 def collect(tree, region, numbers):
     """Write the numbers of a surface's triangles that meet a region; return how many, or -1."""
     triangles, boxes, starts = tree

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 from packit_sim.geometry.bits import FULL, LOW, STRIDES, Words
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit, turn_words
 
@@ -56,7 +56,7 @@ class FixedArrays(NamedTuple):
     fine: Words
 
 
-@inner_kernel
+@allocating_kernel
 def _brick_words(touched, reached):
     """Return the outer and the inner cells as words over the bricks [x, y, z]."""
     nx, ny, nz = touched.shape
@@ -74,7 +74,7 @@ def _brick_words(touched, reached):
     return outer_cells, inner_cells
 
 
-@inner_kernel
+@allocating_kernel
 def _shuffled(outer_cells, inner_cells):
     """Return the bricks that contain a cell, shuffled: all arrays of `Voxels` but `fine`."""
     nx, ny, nz = outer_cells.shape
@@ -198,7 +198,7 @@ def turn_bricks(old, cells, axes, signs, swaps):
     return bricks, outer, inner, first, fine, number
 
 
-@inner_kernel
+@allocating_kernel
 def _put(dense, words, bricks, axes, signs):
     """Write words to the places of their bricks after a turn of a cell box of whole bricks."""
     place = np.empty(3, np.int64)

@@ -236,7 +236,7 @@ def _contacts(filled, item, locations, known, number, least):
     bricks, outer, offsets = item
     i, j, k = locations[number]
     _, ny, nz = sums.shape
-    start, there = (i * ny + j) * nz + k, sums.ravel()
+    start, there = (i * ny + j) * nz + k, sums.reshape(-1)
     total = np.int64(first_bounds[number])
     for n in range(len(offsets)):
         neighbours = np.int64(there[start + offsets[n]])

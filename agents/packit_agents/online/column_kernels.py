@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_agents.online.columns import FORM_START
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 
 FEW = 5
 """Placements that are compared where two arrivals are looked ahead."""
@@ -32,7 +32,8 @@ def _rest(heights, row, x, y, sides):
 def _place(heights, row, x, y, sides, after):
     """Write the heights after a form has come down at (x, y)."""
     base = _rest(heights, row, x, y, sides)
-    after[:] = heights
+    for n in range(len(heights)):
+        after[n] = heights[n]
     for n in range(row[4]):
         at = FORM_START + 4 * n
         after[(x + row[at]) * sides[1] + y + row[at + 1]] = base + row[at + 3]
@@ -137,7 +138,7 @@ def _list(heights, counts, game, tables, scratch, found, values, count):
     return count
 
 
-@inner_kernel
+@allocating_kernel
 def _scratch(tables):
     patterns = len(tables[2])
     return (
@@ -147,7 +148,7 @@ def _scratch(tables):
     )
 
 
-@inner_kernel
+@allocating_kernel
 def _expected_later(heights, counts, game, tables, scratch, bests, found, values):
     """Return the same as `_expected`, looking one arrival further after the best `FEW`."""
     sides, _, forms = game

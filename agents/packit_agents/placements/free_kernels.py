@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 from packit_sim.geometry.bits import HIGH, LOW, Words
 from packit_sim.geometry.voxel_kernels import ItemArrays, turn_bricks
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit
@@ -132,7 +132,7 @@ def turn_item(item, cells, axes, signs, swaps):
     )
 
 
-@inner_kernel
+@allocating_kernel
 def _are_equal(one, other):
     """Return whether two arrays (n,) are equal."""
     return len(one) == len(other) and (one == other).all()
@@ -244,7 +244,7 @@ def shadow(box):
     return found
 
 
-@inner_kernel
+@allocating_kernel
 def _filled_bricks(box, low, high):
     """Find the filled bricks from low to high, which is excluded: words [z, x] with bits y."""
     filled = np.zeros((len(box.page) // (box.nx * box.ny), box.nx), np.uint64)
@@ -256,7 +256,7 @@ def _filled_bricks(box, low, high):
     return filled
 
 
-@inner_kernel
+@allocating_kernel
 def _own_bricks(bricks, extents):
     """Find an item's bricks: words [z, x] with bits y, and their numbers [z, x, y]."""
     own = np.zeros((extents[2], extents[0]), np.uint64)
@@ -345,7 +345,7 @@ def _find_near(turned, r, spans, near):
                 near[k, i] |= bits
 
 
-@inner_kernel
+@allocating_kernel
 def _in_rotation(turned, r):
     """Return the bricks of an item in rotation r."""
     begin, end = turned.starts[r], turned.starts[r + 1]

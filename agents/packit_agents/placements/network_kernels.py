@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, kernel
 
 
-@inner_kernel
+@allocating_kernel
 def _layer(rows, weights, bias):
     """Return max(0, rows @ weights + bias), float32."""
     count, inputs = rows.shape

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 from packit_sim.geometry.word_kernels import lowest_bit
 from packit_sim.placement import BoxArrays
 
@@ -180,7 +180,7 @@ def _find_taken(box, start, points, shallow, coarse, turn, known, at, cell, fine
             known = _locate(points, turn, box.nx, box.ny, begin, stop, at, cell, fine)
 
 
-@inner_kernel
+@allocating_kernel
 def _locate(points, turn, nx, ny, start, stop, at, cell, fine):
     """Compute the brick, the cell and the fine cell of turned points at the box's origin."""
     place = np.empty(3, np.int64)

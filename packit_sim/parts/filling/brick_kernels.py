@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 from packit_sim.parts.nesting.pose_kernels import random
 
 FAR = 15
@@ -229,7 +229,7 @@ def _turn(axes, deviation, rng, found):
         found[a, 2] = r * (1.0 - rest) + (x * q - y * p) * sine + along * z
 
 
-@inner_kernel
+@allocating_kernel
 def _move(bricks, i, window, orientations, walls, space, turns, weights, rng, scratch):
     """Move a brick to where it overlaps least, of some trials, and then by small steps."""
     centres, turned, halves = bricks

@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inlined, inner_kernel, kernel
 from packit_sim.geometry.word_kernels import count_bits
-from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, apart, put, random, shuffle
+from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, apart, list_near, put, random, shuffle
 from packit_sim.parts.nesting.settling_kernels import are_in_conflict
 
 KEPT = 3
@@ -41,7 +41,8 @@ class CellState(NamedTuple):
     low : ndarray
         (3,) float64, the lowest corner of the grid.
     bounds : ndarray
-        (n, 6) int64, the lowest cell of each item, and the one after its highest.
+        (n, 6) int64, the lowest cell of each item, and the one after its highest; each column
+        is contiguous (see `list_near`).
     shared, excused : ndarray
         (n, n) float32, symmetric: cells that pairs share beyond those that they may, and these.
     weights : ndarray
@@ -112,26 +113,17 @@ def _cost(cells, state, grid, i, o, p, limit):
     It ends at a limit; what it returns is then no cost.
     """
     form = cells.forms[state.types[i], o]
-    bounds = grid.bounds
-    hx, hy, hz = p[0] + form[4], p[1] + form[5], p[2] + form[6]
+    high = p[0] + form[4], p[1] + form[5], p[2] + form[6]
+    count = list_near(grid.bounds, i, (p[0], p[1], p[2]), high, state.meets, state.near)
     grid.found[:] = 0
     total = 0.0
-    for j in range(len(state.types)):
-        if (
-            bounds[j, 5] <= p[2]
-            or bounds[j, 2] >= hz
-            or bounds[j, 3] <= p[0]
-            or bounds[j, 0] >= hx
-            or bounds[j, 4] <= p[1]
-            or bounds[j, 1] >= hy
-            or i == j
-        ):
-            continue
+    for n in range(count):
+        j = state.near[n]
         weight = grid.weights[i, j]
         root = (limit - total) / weight
         enough = int(min(root * root + grid.excused[i, j], 1e12))
         other = cells.forms[state.types[j], state.turned[j]]
-        shared = _shared_cells(cells.bits, form, p, other, bounds[j], enough)
+        shared = _shared_cells(cells.bits, form, p, other, grid.bounds[j], enough)
         shared -= grid.excused[i, j]
         if shared > 0:
             grid.found[j] = shared
@@ -163,7 +155,7 @@ def _into_box(form, p, size):
     return fits
 
 
-@inner_kernel
+@allocating_kernel
 def _descent(cells, state, grid, i, o, p, cost, size, rng):
     """Improve a position by steps along the axes; return its cost."""
     form = cells.forms[state.types[i], o]
@@ -189,7 +181,7 @@ def _descent(cells, state, grid, i, o, p, cost, size, rng):
     return cost
 
 
-@inner_kernel
+@allocating_kernel
 def _move(problem, cells, state, grid, i, size, near, far, rng):
     """Move an item to the position of least cost that samples and descents find."""
     a, o = state.types[i], state.turned[i]
@@ -317,11 +309,11 @@ def separate_cells(problem, cells, state, grid, size, passes, samples, weights, 
             i = order[k]
             if grid.shared[i].max() > 0:
                 _move(problem, cells, state, grid, i, size, near, far, rng)
-        _reweight(grid, weights)
+        _reweight(grid, grid.shared.max(), weights)
     return _excuse(problem, cells, state, grid)
 
 
-@inner_kernel
+@allocating_kernel
 def _excuse(problem, cells, state, grid):
     """Ask the surfaces about all pairs that share cells; return the overlap that is left."""
     p = np.empty(3)
@@ -360,10 +352,9 @@ def _excuse(problem, cells, state, grid):
 
 
 @inner_kernel
-def _reweight(grid, weights):
+def _reweight(grid, most, weights):
     """Let the weights of pairs that overlap grow, the deeper the more, and the others decay."""
     least, deepest, decay = weights
-    most = grid.shared.max()
     for i in range(len(grid.shared)):
         for j in range(i):
             weight = max(1.0, grid.weights[i, j] * decay)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inlined, inner_kernel, kernel
 from packit_sim.parts.nesting.conflict_kernels import find_conflicts
 from packit_sim.parts.nesting.cost_kernels import fine_cost, rough_cost
 from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample, take_out
@@ -117,7 +117,7 @@ def _top(lookup, state, box):
     return top
 
 
-@inner_kernel
+@allocating_kernel
 def _put_on_top(problem, state, i, height, box):
     """Put an item at a height, if that is inside the box; return the height of its top."""
     lookup = problem.lookup

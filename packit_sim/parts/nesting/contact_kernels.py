@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 from packit_sim.parts.nesting.cost_kernels import offset
 from packit_sim.parts.nesting.overlap_kernels import distance_at_shift, in_conflict
 
@@ -25,7 +25,7 @@ SHORTER = 0.9
 """Share of a free way that is left where its end has no plane that excludes the way beyond it."""
 
 
-@inner_kernel
+@allocating_kernel
 def _offset(problem, state, i, j, x, y, z):
     """Return what `offset` returns after the second item has gone (x, y, z)."""
     p = np.empty(3)
@@ -48,7 +48,7 @@ def _gap(problem, state, i, j, x, y, z, limit):
     return distance_at_shift(problem, first, other, rel, limit)
 
 
-@inner_kernel
+@allocating_kernel
 def _normal(problem, state, i, j, x, y, z, reach, step, plane):
     """Write the gradient of the distance to a plane; return the distance.
 

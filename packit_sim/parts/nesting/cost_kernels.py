@@ -29,7 +29,7 @@ from packit_sim.parts.nesting.overlap_kernels import (
     refine_node,
     simplex,
 )
-from packit_sim.parts.nesting.pose_kernels import NO_LIMIT
+from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, list_near
 
 FAR = 1.5
 """Voxels of distance by fields from which on a pair is apart: fields err by less."""
@@ -80,12 +80,12 @@ def rough_cost(lookup, state, i, o, p, limit):
     """
     a = state.types[i]
     box = lookup.boxes[a, o]
-    lx, ly, lz = p[0] + box[0], p[1] + box[1], p[2] + box[2]
-    hx, hy, hz = p[0] + box[3], p[1] + box[4], p[2] + box[5]
+    low = p[0] + box[0], p[1] + box[1], p[2] + box[2]
+    high = p[0] + box[3], p[1] + box[4], p[2] + box[5]
+    count = list_near(state.bounds, i, low, high, state.meets, state.near)
     total = 0.0
-    for j in range(len(state.types)):
-        if is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
-            continue
+    for n in range(count):
+        j = state.near[n]
         first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
         number = lookup.numbers[first, other, rel]
         if number < 0:
@@ -126,14 +126,14 @@ def fine_cost(problem, state, i, o, p, limit):
     lookup = problem.lookup
     a = state.types[i]
     box = lookup.boxes[a, o]
-    lx, ly, lz = p[0] + box[0], p[1] + box[1], p[2] + box[2]
-    hx, hy, hz = p[0] + box[3], p[1] + box[4], p[2] + box[5]
+    low = p[0] + box[0], p[1] + box[1], p[2] + box[2]
+    high = p[0] + box[3], p[1] + box[4], p[2] + box[5]
+    count = list_near(state.bounds, i, low, high, state.meets, state.near)
     total = 0.0
     state.depths[:] = 0
     state.slope[:] = 0
-    for j in range(len(state.types)):
-        if is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
-            continue
+    for n in range(count):
+        j = state.near[n]
         distance, gx, gy, gz = distance_of(problem, state, i, o, p, j)
         depth = state.margins[i, j] - distance
         if depth <= NEGLIGIBLE:
@@ -226,22 +226,6 @@ def offset(lookup, state, i, o, p, j):
         turn[0, 0] * dx + turn[1, 0] * dy + turn[2, 0] * dz,
         turn[0, 1] * dx + turn[1, 1] * dy + turn[2, 1] * dz,
         turn[0, 2] * dx + turn[1, 2] * dy + turn[2, 2] * dz,
-    )
-
-
-@inlined
-def is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
-    """Return whether an item's bounding box has nothing in that from (lx, ...) to (hx, ...)."""
-    # Heights first: in a tall strip most items are above or below.
-    bounds = state.bounds
-    return (
-        bounds[j, 5] <= lz
-        or bounds[j, 2] >= hz
-        or bounds[j, 3] <= lx
-        or bounds[j, 0] >= hx
-        or bounds[j, 4] <= ly
-        or bounds[j, 1] >= hy
-        or j == i
     )
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel
 
 SCALE = 128.0
 """Steps of the stored distances per voxel."""
@@ -37,7 +37,7 @@ def padding(clearance):
     return int(np.ceil(clearance)) + REACH
 
 
-@inner_kernel
+@allocating_kernel
 def fill_field(one, other, clearance, out):
     """Compute the signed distance to the offsets at which two sets of voxels overlap.
 
@@ -70,7 +70,7 @@ def fill_field(one, other, clearance, out):
                 out[x, y, z] = encoded(found, not _BAND[0] < found < _BAND[1])
 
 
-@inner_kernel
+@allocating_kernel
 def _overlaps(one, other, around, shape):
     """Return the offsets (u, v, w) uint8 at which two sets of voxels overlap.
 
@@ -149,7 +149,7 @@ def _dilate(rows, one, length):
                     rows[x, y, t >> 6] |= np.uint64(1) << np.uint64(t & 63)
 
 
-@inner_kernel
+@allocating_kernel
 def _squared_distances(cells, value, limit):
     """Return the squared distance (u, v, w) of each cell to the nearest one of a value, bounded."""
     u, v, w = cells.shape

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inlined, inner_kernel, kernel
 from packit_sim.parts.nesting.field_kernels import SCALE, encoded, fill_field, padding
 from packit_sim.parts.nesting.surface_kernels import surfaces_cross, surfaces_distance
 from packit_sim.placement import holds
@@ -104,7 +104,7 @@ def gradient(lookup, number, nodes):
     return x, y, z
 
 
-@inner_kernel
+@allocating_kernel
 def add_field(lookup, first, other, rel):
     """Compute the field of two types and a relative rotation, and return its number."""
     one = _voxels(lookup, first, lookup.identity)
@@ -145,7 +145,7 @@ def add_fields(lookup):
     return True
 
 
-@inner_kernel
+@allocating_kernel
 def _voxels(lookup, a, rel):
     """Return the voxels (x, y, z) of a type in one of the relative rotations."""
     start, x, y, z = lookup.voxel_fields[a, rel]
@@ -264,7 +264,7 @@ def distance_at_shift(problem, first, other, rel, limit):
     )
 
 
-@inner_kernel
+@allocating_kernel
 def _nested(problem, first, other, rel):
     """Return whether a part of one of two items at `problem.shift` is inside the other."""
     turn = problem.relative_turns[rel]

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inlined, inner_kernel, kernel
 from packit_sim.geometry.word_kernels import lowest_bit
 
 SIDES = 1, 2, 3, 4, 6, 8, 12, 16
@@ -90,7 +90,7 @@ def update_windows(windows, low_x, low_y, high_x, high_y):
     _widen(windows[5], windows[7], 8, x, y, high_x, high_y)
 
 
-@inner_kernel
+@allocating_kernel
 def _widen(narrow, wide, step, low_x, low_y, high_x, high_y):
     """Let each wide window be all eight narrow ones that are a step apart along each axis."""
     _, words, count_x, count_y = narrow.shape
@@ -276,7 +276,7 @@ def _below(count):
     return (np.uint64(1) << np.uint64(count)) - np.uint64(1)
 
 
-@inner_kernel
+@allocating_kernel
 def _largest_cubes(solid):
     """Return the side of the largest cube of cells from each cell on, (x, y, z) int32."""
     x, y, z = solid.shape

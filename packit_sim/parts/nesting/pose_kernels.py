@@ -60,6 +60,44 @@ def take_out(state, i):
     state.overlaps[:, i] = 0
 
 
+@inner_kernel
+def list_near(bounds, i, low, high, meets, near):
+    """List the items whose bounds have something in common with a box, besides item i.
+
+    Parameters
+    ----------
+    bounds : ndarray
+        (n, 6), lowest and highest corners; each column is contiguous.
+    i : int
+        The item.
+    low, high : tuple
+        The corners of the box.
+    meets, near : ndarray
+        (n,) bool and int64; get whether an item is one of them, and their numbers.
+
+    Returns
+    -------
+    int
+        Their number.
+    """
+    # Two loops without branches: the first compares eight items at a time.
+    for j in range(len(bounds)):
+        meets[j] = (
+            (bounds[j, 5] > low[2])
+            & (bounds[j, 2] < high[2])
+            & (bounds[j, 3] > low[0])
+            & (bounds[j, 0] < high[0])
+            & (bounds[j, 4] > low[1])
+            & (bounds[j, 1] < high[1])
+        )
+    meets[i] = False
+    count = 0
+    for j in range(len(bounds)):
+        near[count] = j
+        count += meets[j]
+    return count
+
+
 @inlined
 def apart(state, i, j):
     """Return whether the bounds of two items have nothing in common."""

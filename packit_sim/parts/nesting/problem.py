@@ -249,7 +249,7 @@ class State(NamedTuple):
         (n, 3) float64, of the origins.
     bounds : ndarray
         (n, 6) float64, lowest and highest corners, drawn in by the slack and grown by the
-        clearance.
+        clearance; each of the six columns is contiguous (see `list_near`).
     weights, overlaps : ndarray
         (n, n) float64, symmetric; weights are at least 1, and overlaps depths in voxels.
     depths : ndarray
@@ -259,6 +259,8 @@ class State(NamedTuple):
         where the surfaces allow more.
     slope : ndarray
         (3,) float64, a work array for the gradient of an item's cost.
+    meets, near : ndarray
+        (n,) bool and int64, work arrays of `list_near`.
     """
 
     movable: int
@@ -272,6 +274,8 @@ class State(NamedTuple):
     depths: Any
     margins: Any
     slope: Any
+    meets: Any
+    near: Any
 
 
 def with_own_arrays(problem: Problem) -> Problem:
@@ -322,10 +326,12 @@ def state_of(types: Sequence[int], movable: int) -> State:
         np.zeros(n, np.uint8),
         np.zeros(n, np.int64),
         np.zeros((n, 3)),
-        np.zeros((n, 6)),
+        np.zeros((6, n)).T,
         np.ones((n, n)),
         np.zeros((n, n)),
         np.zeros(n),
         np.zeros((n, n)),
         np.zeros(3),
+        np.zeros(n, np.bool_),
+        np.zeros(n, np.int64),
     )

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, inner_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inlined, inner_kernel, kernel
 from packit_sim.parts.nesting.conflict_kernels import DEEP, allow_contacts
 from packit_sim.parts.nesting.cost_kernels import (
     fine_cost,
@@ -70,7 +70,8 @@ def _next_trials(p, steps, trials, rng):
         e = (d + 1) % 3
     count = 2 if d == e else 4
     for n in range(count):
-        trials[n] = p
+        for axis in range(3):
+            trials[n, axis] = p[axis]
         trials[n, d] += steps[d] if n & 1 else -steps[d]
         if e != d:
             trials[n, e] += steps[e] if n & 2 else -steps[e]
@@ -167,22 +168,27 @@ def _keep(costs, places, turned, found, o, p, spread):
             if found >= costs[k]:
                 return
             for m in range(k, KEPT - 1):
-                costs[m] = costs[m + 1]
-                places[m] = places[m + 1]
-                turned[m] = turned[m + 1]
+                _copy_sample(costs, places, turned, m + 1, m)
             costs[KEPT - 1] = NO_LIMIT
             break
     if found >= costs[KEPT - 1]:
         return
     k = KEPT - 1
     while k > 0 and costs[k - 1] > found:
-        costs[k] = costs[k - 1]
-        places[k] = places[k - 1]
-        turned[k] = turned[k - 1]
+        _copy_sample(costs, places, turned, k - 1, k)
         k -= 1
     costs[k] = found
-    places[k] = p
+    for d in range(3):
+        places[k, d] = p[d]
     turned[k] = o
+
+
+@inlined
+def _copy_sample(costs, places, turned, k, m):
+    costs[m] = costs[k]
+    for d in range(3):
+        places[m, d] = places[k, d]
+    turned[m] = turned[k]
 
 
 @inlined
@@ -304,11 +310,11 @@ def separate(problem, state, best, boxes, samples, passes, weights, rng):
         if total < least:
             least = total
             _copy_poses(state, best)
-        _reweight(state, weights)
+        _reweight(state, state.overlaps.max(), weights)
     return least
 
 
-@inner_kernel
+@allocating_kernel
 def _copy_poses(state, other):
     other.inside[:] = state.inside
     other.turned[:] = state.turned
@@ -316,10 +322,9 @@ def _copy_poses(state, other):
 
 
 @inner_kernel
-def _reweight(state, weights):
+def _reweight(state, most, weights):
     """Let the weights of pairs that overlap grow, the deeper the more, and the others decay."""
     least, deepest, decay = weights
-    most = state.overlaps.max()
     for i in range(len(state.types)):
         for j in range(i):
             found = state.overlaps[i, j]
