@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from packit_sim.game.datasets.packs import Pack
 from packit_sim.game.evaluation.executed import execute_pack
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.cylinders import CylinderContainer
 from packit_sim.parts.packings.packing import Packing
@@ -28,8 +30,8 @@ from packit_sim.parts.results.execution import execute_packing
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.robot.cell import RobotCell, SuctionGripper
-from packit_sim.robot.executed_item import Outcome
-from packit_sim.robot.plans import ExecutedPlan
+from packit_sim.robot.executed_item import ExecutedItem, Outcome
+from packit_sim.robot.plans import ExecutedPlan, execute_plan
 from packit_sim.robot.replays import write_replay
 from tests.runs import packit
 
@@ -80,6 +82,18 @@ POSES = {
 def box(tmp_path_factory: pytest.TempPathFactory) -> ExecutedPlan:
     (found,) = execute_packing(written(tmp_path_factory.mktemp("packing"), POSES), CELL)
     return found
+
+
+def test_an_interrupted_plan_goes_on_to_the_same_trajectory() -> None:
+    block = Item(ShapeLibrary.open("everyday")["open-cardboard-box"], scale=0.01)
+    plan = [PosedItem.at(block, Motion.shift((x, 0.2, 0.2))) for x in (0.2, 0.5, 0.8)]
+    kept: list[tuple[ExecutedItem, ...]] = []
+    whole = execute_plan(plan, (100, 40, 40), CELL, callback=kept.append)
+    assert [len(tried) for tried in kept] == [1, 2, 3]
+    tried = pickle.loads(pickle.dumps(kept[1]))
+    rest = execute_plan(plan, (100, 40, 40), CELL, tried=tried, callback=kept.append)
+    assert [len(tried) for tried in kept] == [1, 2, 3, 3]
+    assert rest.trajectory.digest == whole.trajectory.digest
 
 
 def test_parts_are_put_in_at_real_sizes_and_in_any_rotation(box: ExecutedPlan) -> None:

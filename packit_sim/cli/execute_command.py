@@ -35,6 +35,7 @@ with lazy_imports():
     from packit_sim.robot import replays
 
 if TYPE_CHECKING:
+    from packit_sim.robot.executed_item import ExecutedItem
     from packit_sim.robot.trajectory import Trajectory
 
 FILM_FPS = 12
@@ -169,14 +170,19 @@ def execute_command(
                 )
         for file in sorted(replay.glob("box-*/replay.json")) if replay else ():
             core_files.require_replaceable(file, field=replays.FORMAT)
-        with stoppable("the plan is not executed"):
+        with stoppable("the plan is not executed"), terminal.progress_bars() as progress:
+            bar = progress.add_task("executing", total=None, note="items")
+
+            def note(_: tuple[ExecutedItem, ...]) -> None:
+                progress.advance(bar)
+
             if is_packing:
-                plans = execution.execute_packing(dataset, cell)
+                plans = execution.execute_packing(dataset, cell, note)
             else:
                 checked_dataset(dataset)
                 opened = inputs.open_library(library, dataset, split)
                 packs = pack_files.read_packs(pack_files.dataset_file(dataset, split))
-                plans = [executed.execute_pack(pack, opened, cell) for pack in packs[:tasks]]
+                plans = [executed.execute_pack(pack, opened, cell, note) for pack in packs[:tasks]]
         terminal.console.print(evaluations.plan_table(plans))
         if replay is not None:
             for number, plan in enumerate(plans):

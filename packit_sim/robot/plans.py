@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -58,7 +58,13 @@ class ExecutedPlan:
 
 
 def execute_plan(
-    plan: Sequence[PosedItem], cells: Cells, cell: RobotCell, outside: Sequence[Item] = ()
+    plan: Sequence[PosedItem],
+    cells: Cells,
+    cell: RobotCell,
+    outside: Sequence[Item] = (),
+    *,
+    tried: tuple[ExecutedItem, ...] = (),
+    callback: Callable[[tuple[ExecutedItem, ...]], None] | None = None,
 ) -> ExecutedPlan:
     """Let an arm put items into a box at planned poses, in their order.
 
@@ -74,6 +80,11 @@ def execute_plan(
         there. In an open loop it does so among the planned poses.
     outside : sequence of Item
         Items that are not planned.
+    tried : tuple of ExecutedItem
+        The first items of the plan, as an earlier call passed them to its callback before it was
+        interrupted: only the others are put in.
+    callback : callable, optional
+        Called after each item with all that were tried.
 
     Returns
     -------
@@ -93,14 +104,15 @@ def execute_plan(
     arm.check(cells, cell.edge * max((_longest(one) for one in plan), default=0.0))
     for one in plan:
         cell.check_payload(repr(one.item.shape.id), one.item.volume)
-    tried: tuple[ExecutedItem, ...] = ()
-    for wanted in plan:
+    for wanted in plan[len(tried) :]:
         if cell.open_loop:
             known = [one.planned for one in tried]
         else:
             known = [one.posed for one in tried if is_over(cells, one.posed)]
         planned = _lowered(wanted, known, cells, cell)
         tried = attempt(tried, wanted, planned, cell=cell, cells=cells, arm=arm)
+        if callback is not None:
+            callback(tried)
     trajectory = Trajectory.of(cell, cells, tried)
     items = [*(one.item for one in tried), *outside]
     return ExecutedPlan(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from packit_sim.geometry.items import PlacedItem, PosedItem
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.robot.cell import RobotCell
+from packit_sim.robot.executed_item import ExecutedItem
 from packit_sim.robot.measures import measures
 from packit_sim.robot.plans import ExecutedPlan, execute_plan
 from packit_sim.robot.trajectory import Trajectory
@@ -60,7 +62,12 @@ def executed(episode: Episode, folder: Path | None) -> Executed | None:
     return Executed(measures(trajectory, episode.task.items), digest)
 
 
-def execute_pack(pack: Pack, library: ShapeLibrary, cell: RobotCell | None = None) -> ExecutedPlan:
+def execute_pack(
+    pack: Pack,
+    library: ShapeLibrary,
+    cell: RobotCell | None = None,
+    callback: Callable[[tuple[ExecutedItem, ...]], None] | None = None,
+) -> ExecutedPlan:
     """Let an arm put the items of a pack in where they are, in their order.
 
     Parameters
@@ -71,6 +78,8 @@ def execute_pack(pack: Pack, library: ShapeLibrary, cell: RobotCell | None = Non
         Its library.
     cell : RobotCell, optional
         The robot cell.
+    callback : callable, optional
+        Called after each item with all that were tried.
 
     Returns
     -------
@@ -86,4 +95,4 @@ def execute_pack(pack: Pack, library: ShapeLibrary, cell: RobotCell | None = Non
         PosedItem.of(one) if isinstance(one, PlacedItem) else one for one in pack.placed(library)
     ]
     outside = [Item(library[record.shape], record.scale) for record in pack.outside]
-    return execute_plan(plan, pack.cells, cell or RobotCell(), outside)
+    return execute_plan(plan, pack.cells, cell or RobotCell(), outside, callback=callback)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import posed
 from packit_sim.parts.reading.units import factor
 from packit_sim.robot.cell import Cells, RobotCell
+from packit_sim.robot.executed_item import ExecutedItem
 from packit_sim.robot.plans import ExecutedPlan, execute_plan
 
 
@@ -23,7 +25,11 @@ class _Unit(Struct):
     unit: str = ""
 
 
-def execute_packing(file: Path | str, cell: RobotCell | None = None) -> list[ExecutedPlan]:
+def execute_packing(
+    file: Path | str,
+    cell: RobotCell | None = None,
+    callback: Callable[[tuple[ExecutedItem, ...]], None] | None = None,
+) -> list[ExecutedPlan]:
     """Let an arm pack the boxes of a packing, in simulated physics.
 
     Parameters
@@ -33,6 +39,8 @@ def execute_packing(file: Path | str, cell: RobotCell | None = None) -> list[Exe
         record of `packit pack`, with a unit of length.
     cell : RobotCell, optional
         The robot cell. Its `edge` becomes the longest side of the box.
+    callback : callable, optional
+        Called after each part with all of its box that were tried.
 
     Returns
     -------
@@ -55,12 +63,18 @@ def execute_packing(file: Path | str, cell: RobotCell | None = None) -> list[Exe
             raise PackFormatError("field 'unit' is missing: an arm needs real sizes, such as 'mm'")
     metres = factor(check_unit(named.unit), "m")
     return [
-        _executed(packing, box, metres, cell or RobotCell())
+        _executed(packing, box, metres, cell or RobotCell(), callback)
         for box in sorted({placement.box for placement in packing.placements})
     ]
 
 
-def _executed(packing: Packing, box: int, metres: float, cell: RobotCell) -> ExecutedPlan:
+def _executed(
+    packing: Packing,
+    box: int,
+    metres: float,
+    cell: RobotCell,
+    callback: Callable[[tuple[ExecutedItem, ...]], None] | None,
+) -> ExecutedPlan:
     container = packing.container_of(box)
     if form_of(container) != "box" or container.is_strip or container.obstacles:
         raise ArgumentError(
@@ -71,4 +85,4 @@ def _executed(packing: Packing, box: int, metres: float, cell: RobotCell) -> Exe
     cell = replace(cell, edge=container.longest * metres)
     x, y, z = (100 * side / container.longest for side in container.size)
     cells: Cells = (x, y, z)
-    return execute_plan(posed(own), cells, cell)
+    return execute_plan(posed(own), cells, cell, callback=callback)
