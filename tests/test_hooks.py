@@ -65,7 +65,7 @@ def test_numba_uses_cached_code_only_with_the_same_stamp(tmp_path) -> None:
 INNER = """
 import numpy as np
 from numba.core import event
-from packit_sim.core.compilation import allocating_kernel, kernel
+from packit_sim.core.compilation import allocating_kernel, inner_kernel, kernel
 
 compiled = []
 class Listener(event.Listener):
@@ -82,11 +82,16 @@ def scaled(values, factor):
         total[0] += value * factor
     return total[0]
 
+@inner_kernel
+def sum_of(one, other):
+    return one + other
+
 @kernel
 def both(values, factor):
-    return scaled(values, factor) + scaled(values, 2)
+    return sum_of(scaled(values, factor), sum_of(scaled(values, 2), 0.0))
 
-print(both(np.ones(3), 5), [name for name in compiled if name in ("both", "scaled")])
+names = ("both", "scaled", "sum_of")
+print(both(np.ones(3), 5), [name for name in compiled if name in names])
 """
 
 
@@ -101,7 +106,7 @@ def test_kernels_for_kernels_are_compiled_once_and_only_where_they_are_called(tm
         run = subprocess.run(command, capture_output=True, check=True, env=environment, text=True)
         return run.stdout
 
-    assert output() == "21.0 ['both', 'scaled']\n"
+    assert output() == "21.0 ['both', 'scaled', 'sum_of']\n"
     assert output() == "21.0 []\n"
     assert len(list((tmp_path / "cache").rglob("*.nbc"))) == 1
 

@@ -123,7 +123,7 @@ class ArmWorld(World):
             )
 
     def sleep(self, items: Sequence[int], enabled: bool) -> None:
-        """Let items at rest sleep until something touches them, or wake all."""
+        """Let items at rest sleep until something touches them, or keep them awake."""
         state = (
             self._pybullet.ACTIVATION_STATE_SLEEP
             if enabled
@@ -133,7 +133,7 @@ class ArmWorld(World):
             self._pybullet.changeDynamics(
                 self._items[item].number, -1, activationState=state, physicsClientId=self._client
             )
-        self._sleeping = frozenset(items) if enabled else frozenset()
+        self._sleeping = self._sleeping | {*items} if enabled else self._sleeping - {*items}
 
     def grip(self, item: int) -> None:
         """Attach an item to the tool where both are, and open the fixture."""
