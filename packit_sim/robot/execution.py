@@ -100,9 +100,9 @@ def execute(
         ]
         moved = [piece.moved(to_start.rotation, to_start.translation) for piece in pieces[-1]]
         item = world.present(moved, cell.mass(start.item.volume))
-        world.sleep(resting, True)
         world.start_at(route.start)
         run = _Run(world, cell, [*before, start], numbers)
+        world.sleep(resting, True)
         run.drive(route.approach)
         world.grip(item)
         run.held_from()
@@ -231,7 +231,7 @@ class _Run:
         self._last = np.full((len(items), 7), np.inf)
         self._held = [0, 0]
         self._at: Floats | None = None
-        self._record(range(len(items)))
+        self._record()
 
     @property
     def posed(self) -> tuple[PosedItem, ...]:
@@ -252,7 +252,7 @@ class _Run:
         for step, joints in enumerate(way):
             self._world.drive(joints)
             self._at = joints
-            self._record(self._world.awake)
+            self._record()
             if math.isfinite(most[0]):
                 force, moment = self._world.load
                 if force > most[0] or moment > most[1]:
@@ -268,7 +268,7 @@ class _Run:
         while rested < settings.rest_time and seconds < settings.time_limit:
             for _ in range(_CHECK_STEPS):
                 self._world.drive(self._at)
-                self._record(self._world.awake)
+                self._record()
             seconds += interval
             is_at_rest = (self._world.speeds < settings.rest_speed).all()
             rested = rested + interval if is_at_rest else 0.0
@@ -285,10 +285,11 @@ class _Run:
             np.array(self._joints), (self._held[0], self._held[1]), radius, rows, poses
         )
 
-    def _record(self, items: Sequence[int]) -> None:
+    def _record(self) -> None:
         """Note where the joints are, and which of the items that can move have moved."""
         step = len(self._joints)
         self._joints.append(self._world.joints)
+        items = self._world.awake
         poses = self._world.poses(items)
         for row in np.flatnonzero(np.abs(poses - self._last[items]).max(axis=1) > MOVED).tolist():
             item = items[row]
