@@ -78,11 +78,7 @@ def rough_cost(lookup, state, i, o, p, limit):
     float
         The cost if it is below the limit, else any number of at least the limit.
     """
-    a = state.types[i]
-    box = lookup.boxes[a, o]
-    low = p[0] + box[0], p[1] + box[1], p[2] + box[2]
-    high = p[0] + box[3], p[1] + box[4], p[2] + box[5]
-    count = list_near(state.bounds, i, low, high, state.meets, state.near)
+    count = list_near_pose(lookup, state, i, o, p)
     total = 0.0
     for n in range(count):
         j = state.near[n]
@@ -125,10 +121,7 @@ def fine_cost(problem, state, i, o, p, limit):
     """
     lookup = problem.lookup
     a = state.types[i]
-    box = lookup.boxes[a, o]
-    low = p[0] + box[0], p[1] + box[1], p[2] + box[2]
-    high = p[0] + box[3], p[1] + box[4], p[2] + box[5]
-    count = list_near(state.bounds, i, low, high, state.meets, state.near)
+    count = list_near_pose(lookup, state, i, o, p)
     total = 0.0
     state.depths[:] = 0
     state.slope[:] = 0
@@ -203,6 +196,15 @@ def distance_of(problem, state, i, o, p, j):
         sign * (turn[1, 0] * gx + turn[1, 1] * gy + turn[1, 2] * gz),
         sign * (turn[2, 0] * gx + turn[2, 1] * gy + turn[2, 2] * gz),
     )
+
+
+@inlined
+def list_near_pose(lookup, state, i, o, p):
+    """List the other items whose bounds an item at a pose meets in `near`; return their number."""
+    box = lookup.boxes[state.types[i], o]
+    low = p[0] + box[0], p[1] + box[1], p[2] + box[2]
+    high = p[0] + box[3], p[1] + box[4], p[2] + box[5]
+    return list_near(state.bounds, i, low, high, state.meets, state.near)
 
 
 @inlined

@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import inner_kernel, kernel
-from packit_sim.parts.nesting.cost_kernels import offset
+from packit_sim.parts.nesting.cost_kernels import list_near_pose, offset
 from packit_sim.parts.nesting.overlap_kernels import in_conflict
-from packit_sim.parts.nesting.pose_kernels import apart, clamp, list_near, put, random, take_out
+from packit_sim.parts.nesting.pose_kernels import apart, clamp, put, random, take_out
 
 LEAST = 0.2
 """Share of the last step by which a step must be lower: at the floor nothing is tried."""
@@ -185,10 +185,7 @@ def slide(problem, state, boxes, order, axis, weights, moment, farthest, last):
 def _blocking(problem, state, i, o, p, first_tried):
     """Return an item that an item at a pose is in conflict with, or -1; one may be tried first."""
     lookup = problem.lookup
-    box = lookup.boxes[state.types[i], o]
-    low = p[0] + box[0], p[1] + box[1], p[2] + box[2]
-    high = p[0] + box[3], p[1] + box[4], p[2] + box[5]
-    count = list_near(state.bounds, i, low, high, state.meets, state.near)
+    count = list_near_pose(lookup, state, i, o, p)
     for n in range(-1, count):
         j = first_tried if n < 0 else state.near[n]
         if j < 0 or not state.meets[j] or (n >= 0 and j == first_tried):
