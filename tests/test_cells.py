@@ -236,6 +236,23 @@ def test_finer_cells_take_more_memory_and_never_more_than_is_allowed(monkeypatch
     assert 0.7 * allowed < cells_of(problem, side).bits.nbytes <= 1.2 * allowed
 
 
+def test_grids_make_room_before_another_one_is_computed(monkeypatch) -> None:
+    problem = build(shapes(3), 6.0, 0.0, by_cells=True, has_fields=False)
+    computed, kept = cells_module._computed, []
+
+    def noted(given: Problem, side: float) -> Cells:
+        kept.append(sum(each.bits.nbytes for each in cells_module._known.values()))
+        return computed(given, side)
+
+    monkeypatch.setattr(cells_module, "_known", {})
+    monkeypatch.setattr(cells_module, "_computed", noted)
+    sizes = [cells_of(problem, side).bits.nbytes for side in (SIDE, 0.9 * SIDE)]
+    monkeypatch.setattr(cells_module, "MOST_KNOWN", sum(sizes))
+    again = cells_of(problem, 0.8 * SIDE).bits.nbytes
+    assert kept[:2] == [0, sizes[0]] and kept[2] + again <= sum(sizes)
+    assert cells_of(problem, 0.8 * SIDE).bits.nbytes == again and len(kept) == 3
+
+
 def test_shared_cells_are_counted() -> None:
     problem = build(shapes(12), 12.0, 0.0, by_cells=True, has_fields=False)
     rng = np.random.default_rng(3)

@@ -338,14 +338,18 @@ def _distances(
         values.append(own)
         points.append(spread)
     flat = [each.ravel() for each in values]
+    most = max(map(len, points))
     return Distances(
         np.concatenate(flat),
         _starts(flat)[1:],
         np.array([each.shape for each in values[1:]], np.int64).reshape(-1, 3),
         cells,
-        np.concatenate(points),
+        np.asfortranarray(np.concatenate(points)),
         _starts(points)[1:],
         clearance + settings.distance_margin * float(cells.max(initial=0.0)),
+        np.zeros((3, most)).T,
+        np.zeros(most, np.bool_),
+        np.zeros(most, np.int64),
     )
 
 

@@ -104,9 +104,10 @@ def cells_of(problem: Problem, side: float) -> Cells:
     key = id(corners), side
     with _lock:
         if key not in _known:
-            _known[key] = _computed(problem, side)
-            while sum(each.bits.nbytes for each in _known.values()) > MOST_KNOWN:
+            most = MOST_KNOWN - 8 * _count_words(problem, side)
+            while _known and sum(each.bits.nbytes for each in _known.values()) > most:
                 del _known[next(iter(_known))]
+            _known[key] = _computed(problem, side)
             weakref.finalize(corners, _known.pop, key, None)
         return _known[key]
 

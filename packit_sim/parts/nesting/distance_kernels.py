@@ -47,6 +47,8 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
     found = distances.margin
     dx, dy, dz = 0.0, 0.0, 0.0
     points = distances.points
+    px, py, pz = distances.placed[:, 0], distances.placed[:, 1], distances.placed[:, 2]
+    reached, listed = distances.reached, distances.listed
     xa, xb, xc, xs = turn[0, 0], turn[0, 1], turn[0, 2], sx
     ya, yb, yc, ys = turn[1, 0], turn[1, 1], turn[1, 2], sy
     za, zb, zc, zs = turn[2, 0], turn[2, 1], turn[2, 2], sz
@@ -65,17 +67,24 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
                 -(ya * sx + yb * sy + yc * sz),
                 -(za * sx + zb * sy + zc * sz),
             )
-        for n in range(distances.point_starts[inside], distances.point_starts[inside + 1]):
-            a, b, c = points[n, 0], points[n, 1], points[n, 2]
+        begin, end = distances.point_starts[inside], distances.point_starts[inside + 1]
+        pa, pb, pc = points[begin:end, 0], points[begin:end, 1], points[begin:end, 2]
+        # Two loops without branches: the first places several points at a time, if their columns
+        # are known to be contiguous.
+        for n in range(len(pa)):
+            a, b, c = pa[n], pb[n], pc[n]
             x = (xa * a + xb * b + xc * c + xs) * per_cell + (u - 1) * 0.5
-            if not 0 <= x < u - 1:
-                continue
             y = (ya * a + yb * b + yc * c + ys) * per_cell + (v - 1) * 0.5
-            if not 0 <= y < v - 1:
-                continue
             z = (za * a + zb * b + zc * c + zs) * per_cell + (w - 1) * 0.5
-            if not 0 <= z < w - 1:
-                continue
+            px[n], py[n], pz[n] = x, y, z
+            reached[n] = (x >= 0) & (x < u - 1) & (y >= 0) & (y < v - 1) & (z >= 0) & (z < w - 1)
+        count = 0
+        for n in range(len(pa)):
+            listed[count] = n
+            count += reached[n]
+        for m in range(count):
+            n = listed[m]
+            x, y, z = px[n], py[n], pz[n]
             i, j, k = int(x), int(y), int(z)
             at = start + (i * v + j) * w + k
             # A distance changes by at most the way: within a cell by sqrt(3) cells, less than 2.

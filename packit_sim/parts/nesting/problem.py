@@ -110,9 +110,11 @@ class Distances(NamedTuple):
     cells : ndarray
         (t,) float64, the distances of neighbouring nodes.
     points : ndarray
-        (p, 3) float64; those of type t from point_starts[t] on.
+        (p, 3) float64; those of type t from point_starts[t] on; each column is contiguous.
     margin : float
         The largest distance that counts.
+    placed, reached, listed : ndarray
+        (k, 3) float64, bool and int64, work arrays for as many points as a type has at most.
     """
 
     values: Any
@@ -122,6 +124,9 @@ class Distances(NamedTuple):
     points: Any
     point_starts: Any
     margin: float
+    placed: Any
+    reached: Any
+    listed: Any
 
 
 class Lookup(NamedTuple):
@@ -280,7 +285,11 @@ class State(NamedTuple):
 
 def with_own_arrays(problem: Problem) -> Problem:
     """Return a problem that shares all but work arrays: for a thread."""
-    return problem._replace(**_emptied(problem, "shift", "waiting", "triangle"))
+    own = _emptied(problem.distances, "placed", "reached", "listed")
+    distances = problem.distances._replace(**own)
+    return problem._replace(
+        **_emptied(problem, "shift", "waiting", "triangle"), distances=distances
+    )
 
 
 def with_own_fields(problem: Problem) -> Problem:
@@ -294,7 +303,10 @@ def with_own_fields(problem: Problem) -> Problem:
 def _emptied(arrays: NamedTuple, *names: str) -> dict[str, Any]:
     """Return zeros like some arrays; memory is only taken when they are written."""
     found = {name: getattr(arrays, name) for name in names}
-    return {name: np.zeros(each.shape, each.dtype) for name, each in found.items()}
+    return {
+        name: np.zeros(each.shape, each.dtype, "C" if each.flags.c_contiguous else "F")
+        for name, each in found.items()
+    }
 
 
 def boxes_of(sizes: Sequence[Sequence[float]], widest: float = 0.0) -> Floats:
