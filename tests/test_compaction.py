@@ -1,13 +1,16 @@
 """Compaction lowers strips where no single item can go down, and leads to no conflict."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.optimize import OptimizeResult
 
 from packit_sim import ItemType
 from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.nesting import compaction
 from packit_sim.parts.nesting.build import build
 from packit_sim.parts.nesting.cell_filling import filled_cells, settle_all
 from packit_sim.parts.nesting.compaction import compact
@@ -90,3 +93,20 @@ def test_items_stay_when_it_is_late() -> None:
     assert state.places[0, 2] >= 3.0 - 0.04 - 1e-9
     compact(problem, task, state, 200)
     assert state.places[0, 2] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_linear_program_ends_in_time_and_moves_nothing_then(monkeypatch) -> None:
+    task = SearchTask(np.arange(1), np.ones(1), np.ones(1), ((4.0, 4.0, math.inf),))
+    problem = build([block(1, 1, 1)], 4.0, 0.0, by_cells=True, has_fields=False)
+    poses = Poses(np.ones(1), np.zeros(1, int), np.array([(1.0, 1.0, 3.0)]))
+    state, limits = loaded(problem, task, poses, boxes_of([task.size])), []
+
+    def unfinished(cost: Floats, *given: Any, options: dict[str, float], **more: Any) -> Any:
+        limits.append(options["time_limit"])
+        return OptimizeResult(status=1, x=np.full(len(cost), -9.0))
+
+    monkeypatch.setattr(compaction, "linprog", unfinished)
+    compact(problem, task, state, 1, SearchBudget(9.0, latest=5.0))
+    compact(problem, task, state, 1)
+    assert 0 < limits[0] <= 5 and limits[1] == math.inf
+    assert state.places[0].tolist() == [1.0, 1.0, 3.0]

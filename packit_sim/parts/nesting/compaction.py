@@ -112,7 +112,8 @@ def _ways(
     has_plane = planes[:, :3].any(axis=1)
     rows, limits = pairs[has_plane], planes[has_plane]
     for _ in range(CUTS):
-        ways[: task.count] = _solved(problem, task, state, reach, rows, limits)
+        seconds = np.inf if budget is None else budget.seconds_left
+        ways[: task.count] = _solved(problem, task, state, reach, rows, limits, seconds)
         found, cuts = blocked(ways)
         if _is_late(budget):
             return 0 * ways
@@ -143,8 +144,12 @@ def _solved(
     reach: float,
     pairs: Ints,
     planes: Floats,
+    seconds: float,
 ) -> Floats:
-    """Return the ways (n, 3) of the movable items that solve the linear program."""
+    """Return the ways (n, 3) of the movable items that solve the linear program, 0 if late.
+
+    With thousands of items it takes minutes.
+    """
     n, m = task.count, len(pairs)
     own = np.arange(n)
     boxes = problem.lookup.boxes[state.types[:n], state.turned[:n]]
@@ -177,5 +182,6 @@ def _solved(
         np.concatenate((-planes[:, 3], -high[:, 2])),
         bounds=np.stack((np.append(least, 0), np.append(most, np.inf)), axis=1),
         method="highs",
+        options={"time_limit": seconds},
     )
-    return np.zeros((n, 3)) if found.x is None else np.reshape(found.x[:-1], (n, 3))
+    return np.zeros((n, 3)) if found.status else np.reshape(found.x[:-1], (n, 3))
