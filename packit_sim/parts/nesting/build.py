@@ -6,6 +6,7 @@ the resolution of stored distances is in `SearchSettings`.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -300,25 +301,32 @@ def _closed(centred: list[Floats], parts: Sequence[Parts]) -> Closed:
 
 
 def _solids(types: Sequence[ItemType], centred: list[Floats], parts: Sequence[Parts]) -> Solids:
-    points, inner = [], []
+    points: list[Floats] = []
+    inner: dict[bytes, Any] = {}  # copies of a shape in several sizes have the same voxels
+    starts: dict[bytes, int] = {}
+    own = np.zeros(len(types), np.int64)
     dims = np.zeros((len(types), 3), np.int64)
     lows = np.zeros((len(types), 3))
     voxels = np.ones(len(types))
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
         points.append(vertices[parts[n].vertices] * (1 - INWARD))
-        found = np.empty((0, 0, 0), np.uint64)
-        if len(parts[n].closed) < len(each.faces):
-            voxels[n] = each.extents.max() / SOLID_VOXELS
-            found, lows[n] = enclosed(vertices[each.faces], voxels[n])
-            if not found.any():
-                found = np.empty((0, 0, 0), np.uint64)
+        if len(parts[n].closed) == len(each.faces):
+            continue
+        voxels[n] = each.extents.max() / SOLID_VOXELS
+        found, lows[n] = enclosed(vertices[each.faces], voxels[n])
+        if not found.any():
+            continue
         dims[n] = found.shape
-        inner.append(found.ravel())
+        key = hashlib.sha256(found.tobytes()).digest()
+        if key not in inner:
+            starts[key] = sum(map(len, inner.values()))
+            inner[key] = found.ravel()
+        own[n] = starts[key]
     return Solids(
         np.concatenate(points),
         _starts(points),
-        np.concatenate(inner),
-        _starts(inner),
+        np.concatenate([np.empty(0, np.uint64), *inner.values()]),
+        own,
         dims,
         lows,
         voxels,

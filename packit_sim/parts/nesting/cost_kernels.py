@@ -29,7 +29,7 @@ from packit_sim.parts.nesting.overlap_kernels import (
     refine_node,
     simplex,
 )
-from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, list_near
+from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, list_near, set_overlap
 
 FAR = 1.5
 """Voxels of distance by fields from which on a pair is apart: fields err by less."""
@@ -235,8 +235,8 @@ def offset(lookup, state, i, o, p, j):
 def update_overlaps(problem, state, i):
     """Compute the overlaps of an item with all others again."""
     fine_cost(problem, state, i, state.turned[i], state.places[i], NO_LIMIT)
-    state.overlaps[i] = state.depths
-    state.overlaps[:, i] = state.depths
+    for j in range(len(state.types)):
+        set_overlap(state, i, j, state.depths[j])
 
 
 @inner_kernel

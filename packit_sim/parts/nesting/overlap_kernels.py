@@ -294,7 +294,7 @@ def _holds(problem, around, inside, turn, inside_turn, shift):
         return True
     # A surface that is not closed may enclose space all the same, by voxels.
     start = s.starts[around]
-    if s.starts[around + 1] == start:
+    if s.dims[around, 0] == 0:
         return False
     per_voxel = 1 / s.voxels[around]
     for n in range(len(points)):

@@ -56,8 +56,16 @@ def take_out(state, i):
     state.inside[i] = 0
     state.bounds[i, :3] = NO_LIMIT
     state.bounds[i, 3:] = -NO_LIMIT
-    state.overlaps[i] = 0
-    state.overlaps[:, i] = 0
+    for j in range(len(state.types)):
+        set_overlap(state, i, j, 0.0)
+
+
+@inlined
+def set_overlap(state, i, j, depth):
+    """Set the overlap of a pair, if it changes: memory that is never written is not taken."""
+    if state.overlaps[i, j] != depth:
+        state.overlaps[i, j] = depth
+        state.overlaps[j, i] = depth
 
 
 @inner_kernel

@@ -74,13 +74,15 @@ class Solids(NamedTuple):
     ----------
     points : ndarray
         (p, 3) float64, a vertex of each connected part; those of type t from point_starts[t] on.
-    point_starts, starts : ndarray
+    point_starts : ndarray
         (t + 1,) int64.
     enclosed : ndarray
         (c,) uint64, words of 4 x 4 x 4 voxels that surfaces which are not closed enclose, of type t
-        from starts[t] on.
+        from starts[t] on; types may share them.
+    starts : ndarray
+        (t,) int64.
     dims : ndarray
-        (t, 3) int64, the numbers of these words along the axes.
+        (t, 3) int64, the numbers of these words along the axes, 0 without any.
     lows : ndarray
         (t, 3) float64, the lowest corners of the first ones.
     voxels : ndarray
