@@ -3,6 +3,7 @@
     .venv/bin/python -m benchmarks.many_parts --parts 100 300 628 --seeds 1 2 3
     .venv/bin/python -m benchmarks.many_parts --parts 100 --seeds 1 2 3 --cluster
     .venv/bin/python -m benchmarks.many_parts --parts 100 --seeds 1 2 3 --ablations
+    .venv/bin/python -m benchmarks.many_parts --parts 25 100 300 --profile
     .venv/bin/python -m benchmarks.many_parts --table
 
 The parts are shapes of `everyday`, drawn without repetition as long as there are enough, with a
@@ -13,7 +14,8 @@ and its packing is checked by the meshes. Each result is written to
 writes the table of `docs/benchmarks/nesting-many.md` and fits the exponents of growth. `--cluster`
 searches twice, for equal processor time of each worker: with threads, and on two machines of a Ray
 cluster on this computer. `--ablations` searches with one worker for these seconds of processor
-time, each time without one part of the search.
+time, each time without one part of the search. `--profile` measures for one minute where the time
+of such a search goes, as it is and with fields of pairs instead of cells.
 """
 
 from __future__ import annotations
@@ -25,12 +27,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -43,8 +46,19 @@ from benchmarks.common import (
     write_json,
 )
 from packit_sim import Item, ItemType, NestSettings, Packing, ShapeLibrary, nest
+from packit_sim.parts.nesting import (
+    cell_filling,
+    cell_separation,
+    cell_strips,
+    cells,
+    filling,
+    rounds,
+    separation,
+)
+from packit_sim.parts.nesting.cells import Space
 from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS
+from packit_sim.parts.results.pictures import draw
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "nesting-many.md"
 
@@ -53,6 +67,9 @@ BLOCK = "many parts"
 
 ABLATIONS_BLOCK = "many ablations"
 """Between these comments the page has the table of `--ablations`."""
+
+PROFILE_BLOCK = "many profile"
+"""Between these comments the page has the table of `--profile`."""
 
 FILE = "many_parts.json"
 
@@ -72,15 +89,32 @@ CLEARANCE = 0.01
 """The clearance of `--clearance`, as a share of the base's side."""
 
 
+FIELDS = "cells: fields of pairs"
+"""The ablation without cells."""
+
 WITHOUT: dict[str, dict[str, Any]] = {
     "nothing": {},
-    "cells: fields of pairs": {"most_fields": 10**9},
+    FIELDS: {"most_fields": 10**9},
     "further constructions": {"constructing": 0.0},
     "separations": {"constructing": 1.0},
     "settling": {"settling_steps": (0.0, 0.04)},
     "moves of all items at once": {"compacting_moves": 0},
 }
 """Settings of the ablations, by the part of the search that each goes without."""
+
+
+PROFILED = 60.0
+"""Seconds of processor time of a search whose steps are measured."""
+
+STEPS: dict[str, tuple[tuple[Any, str], ...]] = {
+    "preparation": ((rounds, "build"), (rounds, "add_fields"), (cells, "_computed")),
+    "lowest places": ((Space, "lowest"), (Space, "put")),
+    "samples of a construction": ((filling, "construct"),),
+    "separation": ((cell_separation, "separate_cells"), (separation, "separate")),
+    "settling and lifting": ((cell_filling, "settle"), (cell_separation, "lift")),
+    "moves of all items at once": ((cell_strips, "compact"),),
+}
+"""The functions in which the time goes, by what they do."""
 
 
 def parts(count: int, seed: int) -> tuple[list[ItemType], float]:
@@ -103,8 +137,10 @@ def items_of(types: Sequence[ItemType], unit: float) -> list[Item]:
     return [Item(one.shape, (float(np.linalg.norm(one.extents)) / unit) ** 3) for one in types]
 
 
-def search(count: int, seed: int, has_clearance: bool, settings: NestSettings) -> dict[str, Any]:
-    """Pack one set of parts; return the history of densities, memory and problems."""
+def search(
+    count: int, seed: int, has_clearance: bool, settings: NestSettings
+) -> tuple[dict[str, Any], Packing]:
+    """Pack one set of parts; return densities by seconds, memory and problems, and the packing."""
     types, side = parts(count, seed)
     volume = sum(each.volume for each in types)
     history: list[tuple[float, float]] = []
@@ -124,12 +160,8 @@ def search(count: int, seed: int, has_clearance: bool, settings: NestSettings) -
     )
     seconds = round(time.perf_counter() - started, 1)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return {
-        "history": history,
-        "seconds": seconds,
-        "memory": memory,
-        "problems": packing.problems(),
-    }
+    found = {"history": history, "seconds": seconds, "memory": memory}
+    return {**found, "problems": packing.problems()}, packing
 
 
 @contextmanager
@@ -152,8 +184,8 @@ def compared(count: int, seed: int) -> dict[str, Any]:
         alone = NestSettings(workers=2, clock="processor")
         spread = replace(alone, backend="ray", address=address)
         runs = {
-            "threads": search(count, seed, False, alone),
-            "cluster": search(count, seed, False, spread),
+            "threads": search(count, seed, False, alone)[0],
+            "cluster": search(count, seed, False, spread)[0],
         }
     return {name: (run["history"][-1][1], len(run["problems"])) for name, run in runs.items()}
 
@@ -162,12 +194,50 @@ def ablated(count: int, seed: int, without: str) -> dict[str, Any]:
     """Search without one of the parts of the search in `WITHOUT`."""
     settings = replace(DEFAULT_SETTINGS, **WITHOUT[without])
     try:
-        run = search(
+        run, _ = search(
             count, seed, False, NestSettings(workers=1, clock="processor", search=settings)
         )
     except NestingError:  # no packing was found in time
         return {"parts": count, "density": None, "problems": []}
     return {"parts": count, "density": run["history"][-1][1], "problems": run["problems"]}
+
+
+def profiled(count: int, seed: int, without: str) -> dict[str, float]:
+    """Return the seconds of each step of a search, and the density that it reaches."""
+    seconds = dict.fromkeys(STEPS, 0.0)
+
+    def timed(step: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*given: Any, **named: Any) -> Any:
+            started = time.thread_time()
+            try:
+                return function(*given, **named)
+            finally:
+                seconds[step] += time.thread_time() - started
+
+        return run
+
+    search = replace(DEFAULT_SETTINGS, **WITHOUT[without])
+    settings = NestSettings(workers=1, clock="processor", search=search)
+    types, side = parts(count, seed)
+    started = time.process_time()
+    with ExitStack() as stack:
+        for step, functions in STEPS.items():
+            for owner, name in functions:
+                own = timed(step, getattr(owner, name))
+                stack.enter_context(patch.object(owner, name, own))
+        packing = nest(types, (side, side, math.inf), time=PROFILED, settings=settings)
+    whole = time.process_time() - started
+    return {**seconds, "others": whole - sum(seconds.values()), "density": packing.density}
+
+
+def profile_table(runs: Mapping[str, Mapping[str, float]]) -> str:
+    """Tabulate the shares of the steps in the time of each search."""
+    rows = []
+    for name, own in runs.items():
+        seconds = [own[step] for step in (*STEPS, "others")]
+        shares = [f"{each / sum(seconds):.0%}" for each in seconds]
+        rows.append((name, *shares, f"{own['density']:.3f}"))
+    return markdown_table(("parts", *STEPS, "others", "density"), rows)
 
 
 def ablation_table(runs: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
@@ -187,12 +257,15 @@ def ablation_table(runs: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     return markdown_table(("without", "sets", "density", "change", "problems"), rows)
 
 
-def measure(count: int, seed: int, has_clearance: bool) -> dict[str, Any]:
+def measure(
+    count: int, seed: int, has_clearance: bool, pictures: Path | None = None
+) -> dict[str, Any]:
     """Run a search in a new process, since memory is that of a process."""
     options = ["--one", str(count), str(seed)] + ["--clearance"] * has_clearance
+    options += ["--pictures", str(pictures)] if pictures else []
     command = [sys.executable, "-m", "benchmarks.many_parts", *options]
-    result = subprocess.run(command, check=True, capture_output=True, text=True)
-    found: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
+    result = subprocess.run(command, check=False, stdout=subprocess.PIPE, text=True)
+    found: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])  # before the picture
     return {"parts": count, "seed": seed, "clearance": has_clearance, **found}
 
 
@@ -265,16 +338,21 @@ def main() -> None:
     parser.add_argument("--clearance", action="store_true", help="of 1% of the base's side")
     parser.add_argument("--cluster", action="store_true", help="compare threads with a cluster")
     parser.add_argument("--ablations", action="store_true", help="search without parts of it")
+    parser.add_argument("--profile", action="store_true", help="measure the steps of a search")
+    parser.add_argument("--pictures", type=Path, help="a folder in which packings are drawn")
     parser.add_argument("--one", nargs=2, type=int, help="print one search: parts and seed")
     parser.add_argument("--table", action="store_true", help="write the table into the page")
     arguments = parser.parse_args()
     if arguments.one:
         count, seed = arguments.one
-        print(json.dumps(search(count, seed, arguments.clearance, NestSettings(workers=2))))
+        result, packing = search(count, seed, arguments.clearance, NestSettings(workers=2))
+        print(json.dumps(result), flush=True)
+        if arguments.pictures:
+            draw(packing, arguments.pictures / f"many-parts-{count}.png")
         return
     file = arguments.out / FILE
     before = json.loads(file.read_text()) if file.exists() else {}
-    found = {key: before.get(key, {}) for key in ("runs", "clusters", "ablations")}
+    found = {key: before.get(key, {}) for key in ("runs", "clusters", "ablations", "profiles")}
 
     def note(where: dict[str, Any], name: str, measured: Callable[[], Any]) -> None:
         """Measure what has no result yet, and write it."""
@@ -292,11 +370,16 @@ def main() -> None:
             for without in WITHOUT:
                 own = found["ablations"].setdefault(without, {})
                 note(own, name, partial(ablated, *given, without))
+        elif arguments.profile:
+            for own, without in (("", "nothing"), (", fields of pairs", FIELDS)):
+                note(found["profiles"], f"{given[0]}{own}", partial(profiled, *given, without))
         else:
-            note(found["runs"], name, partial(measure, *given, arguments.clearance))
+            run = partial(measure, *given, arguments.clearance, arguments.pictures)
+            note(found["runs"], name, run)
     if arguments.table and arguments.out == RESULTS:
         write_into_page(PAGE, table(found["runs"]), BLOCK)
         write_into_page(PAGE, ablation_table(found["ablations"]), ABLATIONS_BLOCK)
+        write_into_page(PAGE, profile_table(found["profiles"]), PROFILE_BLOCK)
 
 
 if __name__ == "__main__":

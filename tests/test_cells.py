@@ -31,7 +31,9 @@ from packit_sim.parts.nesting.voxel_sets import placed_voxels, voxelized
 SIDE = 0.21
 """The side of cells, which no size of an item is a multiple of."""
 
-BY_CELLS = replace(DEFAULT_SETTINGS, most_fields=0, cell_patience=20, finest_cells=44)
+BY_CELLS = replace(
+    DEFAULT_SETTINGS, most_fields=0, most_box_fields=0, cell_patience=20, finest_cells=44
+)
 
 
 def shapes(count: int, rotations: str = "cube") -> list[ItemType]:

@@ -217,6 +217,14 @@ def test_bolts_are_packed_inside_a_tube_that_fills_the_box() -> None:
     assert packed.count == 5 and check(packed).problems == ()
 
 
+def test_a_large_part_is_not_left_for_last_where_the_number_counts() -> None:
+    tube = creation.annulus(12.5, 15, 122, sections=64)
+    bolt = creation.revolve([(0, 0), (12, 0), (12, 8), (6, 8), (6, 30), (0, 30)], sections=32)
+    parts = [Part("tube", tube, rotations="axis-4"), Part("bolt", bolt, 4, rotations="axis-4")]
+    packed = pack(parts, (30.1, 30.1, 122.2), "count", settings=replace(QUICK, iterations=1000))
+    assert packed.count == 5 and check(packed).problems == ()
+
+
 def test_the_pieces_of_a_cube_are_put_together_again() -> None:
     sides = [(30, 60, 60), (30, 20, 60), (30, 40, 20), (30, 40, 10), (10, 40, 30), (20, 40, 30)]
     parts = [slab(x, y, z, f"{x}-{y}-{z}") for x, y, z in sides]

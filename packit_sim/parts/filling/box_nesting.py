@@ -82,6 +82,7 @@ class BoxNesting:
         seed: int,
         start: Packing | None = None,
         limits: Limits = NO_LIMITS,
+        by_volume: bool = False,
     ) -> None:
         """Nest some of the parts in inner containers.
 
@@ -95,6 +96,8 @@ class BoxNesting:
             The contents of a box to begin with.
         limits : Limits
             What the box may hold.
+        by_volume : bool
+            Whether the volume of parts counts instead of what they are worth.
 
         Raises
         ------
@@ -103,7 +106,8 @@ class BoxNesting:
         """
         task, settings = self.task, self.task.settings
         numbers = sorted(counts)
-        types = [task.types[n].changed(counts[n], value=task.weights[n]) for n in numbers]
+        values = [each.volume for each in task.types] if by_volume else task.weights
+        types = [task.types[n].changed(counts[n], value=values[n]) for n in numbers]
         first = None if start is None else self._start(start, types, numbers)
         sums = limits.sums([task.parts[n].mass for n in numbers])
         balance = nest_balance(task, limits, numbers, containers)

@@ -34,6 +34,9 @@ _REPEATS = 4
 _FIRST = 0.4
 """Share of the time for a search that does not know the order of parts, before one that does."""
 
+_BY_VOLUME = 0.15
+"""Share of the time in which volume counts, not worth, for a box that may hold all parts."""
+
 _LATTICE_TIME = 0.3
 """Share of the time for a box in which lattices are put into it, at most."""
 
@@ -271,9 +274,14 @@ class PackingSearch:
             if ordered is not None and (self._task.stops or number > 0):
                 better(ordered.fill(min(seconds / ROUNDS, end - before), seed))
             else:
-                inner, left = self._nesting.inner(box), end - before
-                left *= 1.0 if ordered is None else _FIRST
-                self._nesting.nest(inner, "knapsack", counts, left, better, seed, start, box.limits)
+                given = self._nesting.inner(box), "knapsack", counts
+                left = (end - before) * (1.0 if ordered is None else _FIRST)
+                if number == 0 and start is None and self._may_hold_all(box, counts):
+                    share = left * _BY_VOLUME
+                    self._nesting.nest(*given, share, better, seed, None, box.limits, True)
+                left += before - clock.perf_counter()
+                if best is None or best.count < total:
+                    self._nesting.nest(*given, left, better, seed, start, box.limits)
             start = None
             now = clock.perf_counter()
             is_over = self._stopped.is_set() or now + (now - before) > end
@@ -383,6 +391,15 @@ class PackingSearch:
             return all(each.count is None for each in self._task.boxes)
         volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
         return box.count > 1 and volume <= _FULL * box.count * box.container.volume
+
+    def _may_hold_all(self, box: BoxType, counts: Mapping[int, int]) -> bool:
+        """Return whether a box may hold all parts, although what counts is not their volume.
+
+        Then large parts, which are worth no more than small ones, must not be left for last. Where
+        not all fit after all, the search by worth begins anew: large parts are in its way.
+        """
+        volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
+        return self._task.objective in ("count", "value") and volume <= _FULL * box.container.volume
 
     def _is_done(self, packed: PackedParts, counts: Mapping[int, int]) -> bool:
         """Return whether nothing better is possible: all parts are packed."""

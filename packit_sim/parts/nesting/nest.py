@@ -210,7 +210,9 @@ def nest(
     # Obstacles are large, and most of their fields are never used: those are not worth the wait.
     shares_fields = settings.iterations is None and not obstacles
     all_types = (*searched, *obstacles)
-    is_large = count_fields(all_types) > settings.search.most_fields
+    search = settings.search
+    most_fields = search.most_box_fields if objective == "knapsack" else search.most_fields
+    is_large = count_fields(all_types) > most_fields
     by_cells = objective != "bins" and is_large and _suit_cells(searched, containers[0])
     has_fields = not by_cells or objective != "strip"
     bodies = tuple(

@@ -20,9 +20,9 @@ class SearchSettings:
         surfaces compute nodes than where fields only choose among samples.
     max_field_values, max_fields : int
         Memory for fields: nodes of two bytes, and fields. When either is full, all are dropped.
-    most_fields : int
-        Fields of all pairs of types up to which a strip is searched with fields; with more, items
-        are placed and moved apart as cells (see `cells`).
+    most_fields, most_box_fields : int
+        Fields of all pairs of types up to which a strip or a box is searched with fields; with
+        more, items are placed and moved apart as cells (see `cells`).
     max_refined_fields : int
         Fields of a problem up to which the surfaces compute nodes; with more, a node is hardly
         ever used twice.
@@ -139,6 +139,7 @@ class SearchSettings:
     max_field_values: int = 200_000_000
     max_fields: int = 200_000
     most_fields: int = 15_000
+    most_box_fields: int = 30_000
     max_refined_fields: int = 3000
     simple_triangles: int = 200
     refined_work: int = 50_000
