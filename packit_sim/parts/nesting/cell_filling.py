@@ -125,7 +125,7 @@ def filled_cells(
     cells = cells_of(problem, side or cell_side(problem, task))
     grow = problem.lookup.clearance / 2
     first, last = (step * cells.side for step in settings.settling_steps)
-    state = task.state()
+    state = task.state(problem.has_fields)
     state.inside[:] = poses.inside
     load(problem, state, poses.turned, poses.places, boxes, False)
     for k, box in enumerate(boxes):

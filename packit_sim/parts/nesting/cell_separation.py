@@ -83,7 +83,7 @@ class CellSeparation:
         height = math.ceil(self._height / cells.side) + self._more
         wide = [int(side / cells.side + 1e-9) for side in task.size[:2]]
         size = np.array([*wide, height], np.int64) + 2 * cells.margin
-        state = task.state()
+        state = task.state(has_weights=False)
         state.inside[:] = 1
         state.turned[:] = self.least.turned
         state.places[:] = self.least.places

@@ -28,7 +28,7 @@ def loaded(
     problem: Problem, task: SearchTask, poses: Poses, boxes: Floats, is_checked: bool = False
 ) -> State:
     """Return a state with all items at given poses, moved into their boxes (see `load`)."""
-    state = task.state()
+    state = task.state(problem.has_fields)
     state.inside[:] = poses.inside
     load(problem, state, poses.turned, poses.places, boxes, is_checked)
     return state

@@ -258,7 +258,8 @@ class State(NamedTuple):
         (n, 6) float64, lowest and highest corners, drawn in by the slack and grown by the
         clearance; each of the six columns is contiguous (see `list_near`).
     weights, overlaps : ndarray
-        (n, n) float64, symmetric; weights are at least 1, and overlaps depths in voxels.
+        (n, n) float64, symmetric; weights are at least 1, or all 0 without fields, and overlaps
+        depths in voxels.
     depths : ndarray
         (n,) float64, a work array for the depths of one item and each other one.
     margins : ndarray
@@ -331,9 +332,13 @@ def boxes_of(sizes: Sequence[Sequence[float]], widest: float = 0.0) -> Floats:
     return np.column_stack((starts, found))
 
 
-def state_of(types: Sequence[int], movable: int) -> State:
-    """Return a state of items of some types, all at the origin; the first ones can be moved."""
+def state_of(types: Sequence[int], movable: int, has_weights: bool = True) -> State:
+    """Return a state of items of some types, all at the origin; the first ones can be moved.
+
+    Without fields nothing is weighted: the weights are then 0, which takes no memory.
+    """
     n = len(types)
+    weights = np.ones((n, n)) if has_weights else np.zeros((n, n))
     return State(
         movable,
         np.array(types, np.int64),
@@ -341,7 +346,7 @@ def state_of(types: Sequence[int], movable: int) -> State:
         np.zeros(n, np.int64),
         np.zeros((n, 3)),
         np.zeros((6, n)).T,
-        np.ones((n, n)),
+        weights,
         np.zeros((n, n)),
         np.zeros(n),
         np.zeros((n, n)),

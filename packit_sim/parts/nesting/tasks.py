@@ -213,9 +213,9 @@ class SearchTask:
         inside: Ints = np.repeat(np.array([0, 1], np.uint8), [n, m])
         return Poses(inside, np.zeros(n + m, np.int64), places)
 
-    def state(self) -> State:
-        """Return a state of all items at the origin."""
-        return state_of(self.numbers.tolist(), self.count)
+    def state(self, has_weights: bool = True) -> State:
+        """Return a state of all items at the origin (see `state_of`)."""
+        return state_of(self.numbers.tolist(), self.count, has_weights)
 
     def addable(self, inside: Ints, items: Ints) -> Ints:
         """Return those items, in their order, that the limits allow besides those inside."""
