@@ -154,6 +154,14 @@ def test_a_reduced_shape_keeps_its_volume() -> None:
     assert reduced(ball, 5000) is ball
 
 
+@pytest.mark.parametrize("name", ["fork-lift", "desk-lamp-3", "mailbox"])
+def test_reduced_shapes_stay_in_their_boxes(name: str) -> None:
+    shape = ShapeLibrary.open("everyday")[name]
+    found = reduced(shape, 52)
+    assert len(found.mesh.faces) < len(shape.mesh.faces) / 5
+    assert found.mesh.bounds == pytest.approx(shape.mesh.bounds, abs=1e-9)
+
+
 def test_pictures_and_pages_share_their_triangles(tmp_path, monkeypatch, caplog) -> None:
     monkeypatch.setattr(posed_parts, "MAX_TRIANGLES", 2000)
     monkeypatch.setattr(page_models, "ALL_TRIANGLES", 1000)

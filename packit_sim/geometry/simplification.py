@@ -123,11 +123,18 @@ def _reduced(shape: Shape, triangles: int) -> tuple[QuantizedMesh, float]:
 
 @lru_cache(maxsize=1024)
 def reduced(shape: Shape, triangles: int) -> Shape:
-    """Reduce a shape for display: to some triangles, or as few as possible; its volume is kept."""
+    """Reduce a shape for display: to some triangles, or as few as possible.
+
+    Its volume and its bounding box are kept: with few triangles, collapsed edges may lead far out
+    of the box.
+    """
     if len(shape.mesh.faces) > triangles:
         with suppress(MeshError):  # nothing solid would be left
-            found = Shape.from_mesh(collapsed(shape.mesh, triangles), shape.id, shape.category)
-            return Shape(found.mesh, shape.id, shape.category, shape.volume)
+            found = Shape.from_mesh(collapsed(shape.mesh, triangles), shape.id, shape.category).mesh
+            (low, high), (own_low, own_high) = shape.mesh.bounds, found.bounds
+            places = low + (found.vertices - own_low) * ((high - low) / (own_high - own_low))
+            mesh = trimesh.Trimesh(places, found.faces, process=False)
+            return Shape(mesh, shape.id, shape.category, shape.volume)
     return shape
 
 
