@@ -20,6 +20,7 @@ from packit_sim import BoxType, PackedParts, PackSettings, Part, nest, pack
 from packit_sim.core.errors import ArgumentError, BusyError
 from packit_sim.parts import check, export, summary, table, view, write_instructions
 from packit_sim.parts.filling import box_nesting
+from packit_sim.parts.filling.box_nesting import BoxNesting
 from packit_sim.parts.handling import sweeps
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.constraints import Constraints
@@ -27,6 +28,7 @@ from packit_sim.parts.handling.order import packing_order
 from packit_sim.parts.handling.removal import removable
 from packit_sim.parts.handling.supports import stacking
 from packit_sim.parts.handling.sweeps import PartSweeps
+from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.placements import Placement
@@ -217,12 +219,32 @@ def test_bolts_are_packed_inside_a_tube_that_fills_the_box() -> None:
     assert packed.count == 5 and check(packed).problems == ()
 
 
-def test_a_large_part_is_not_left_for_last_where_the_number_counts() -> None:
+def bolts_and_tube() -> list[Part]:
+    """Four bolts in a row fill the tube, which fills a box of 30.1 x 30.1 x 122.2 mm."""
     tube = creation.annulus(12.5, 15, 122, sections=64)
     bolt = creation.revolve([(0, 0), (12, 0), (12, 8), (6, 8), (6, 30), (0, 30)], sections=32)
-    parts = [Part("tube", tube, rotations="axis-4"), Part("bolt", bolt, 4, rotations="axis-4")]
-    packed = pack(parts, (30.1, 30.1, 122.2), "count", settings=replace(QUICK, iterations=1000))
+    return [Part("tube", tube, rotations="axis-4"), Part("bolt", bolt, 4, rotations="axis-4")]
+
+
+def test_a_large_part_is_not_left_for_last_where_the_number_counts() -> None:
+    settings = replace(QUICK, iterations=1000)
+    packed = pack(bolts_and_tube(), (30.1, 30.1, 122.2), "count", settings=settings)
     assert packed.count == 5 and check(packed).problems == ()
+
+
+def test_a_search_by_volume_that_finds_nothing_is_not_the_end(monkeypatch) -> None:
+    nested, kinds = BoxNesting.nest, []
+
+    def nest(nesting: BoxNesting, *given: Any) -> None:
+        kinds.append(len(given) > 8 and given[8])
+        if kinds[-1]:
+            raise NestingError("nothing was found")
+        nested(nesting, *given)
+
+    monkeypatch.setattr(BoxNesting, "nest", nest)
+    settings = replace(QUICK, iterations=20)
+    packed = pack(bolts_and_tube(), (30.1, 30.1, 122.2), "count", settings=settings)
+    assert packed.count == 4 and kinds == [True, False]
 
 
 def test_the_pieces_of_a_cube_are_put_together_again() -> None:

@@ -8,6 +8,7 @@ import threading
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 
 from packit_sim.core.sums import plain_sum
 from packit_sim.parts.filling.block_lattices import latticed
@@ -278,9 +279,11 @@ class PackingSearch:
                 left = (end - before) * (1.0 if ordered is None else _FIRST)
                 if number == 0 and start is None and self._may_hold_all(box, counts):
                     share = left * _BY_VOLUME
-                    self._nesting.nest(*given, share, better, seed, None, box.limits, True)
+                    with suppress(NestingError):  # the search by worth has more time
+                        self._nesting.nest(*given, share, better, seed, None, box.limits, True)
                 left += before - clock.perf_counter()
-                if best is None or best.count < total:
+                is_all = best is not None and best.count == total
+                if not (is_all or self._stopped.is_set()):
                     self._nesting.nest(*given, left, better, seed, start, box.limits)
             start = None
             now = clock.perf_counter()
