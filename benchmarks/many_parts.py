@@ -216,8 +216,8 @@ def profiled(count: int, seed: int, without: str) -> dict[str, float]:
 
         return run
 
-    search = replace(DEFAULT_SETTINGS, **WITHOUT[without])
-    settings = NestSettings(workers=1, clock="processor", search=search)
+    own_settings = replace(DEFAULT_SETTINGS, **WITHOUT[without])
+    settings = NestSettings(workers=1, clock="processor", search=own_settings)
     types, side = parts(count, seed)
     started = time.process_time()
     with ExitStack() as stack:

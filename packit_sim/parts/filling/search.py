@@ -392,7 +392,7 @@ class PackingSearch:
         box, *others = self._task.boxes
         if box.count is None or others:
             return all(each.count is None for each in self._task.boxes)
-        volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
+        volume = self._volume(counts)
         return box.count > 1 and volume <= _FULL * box.count * box.container.volume
 
     def _may_hold_all(self, box: BoxType, counts: Mapping[int, int]) -> bool:
@@ -401,8 +401,11 @@ class PackingSearch:
         Then large parts, which are worth no more than small ones, must not be left for last. Where
         not all fit after all, the search by worth begins anew: large parts are in its way.
         """
-        volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
-        return self._task.objective in ("count", "value") and volume <= _FULL * box.container.volume
+        has_room = self._volume(counts) <= _FULL * box.container.volume
+        return has_room and self._task.objective in ("count", "value")
+
+    def _volume(self, counts: Mapping[int, int]) -> float:
+        return plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
 
     def _is_done(self, packed: PackedParts, counts: Mapping[int, int]) -> bool:
         """Return whether nothing better is possible: all parts are packed."""
@@ -417,7 +420,7 @@ class PackingSearch:
 
     def _seconds(self, counts: Mapping[int, int], box: BoxType, more: float) -> float:
         """Return the time for a box: that of all boxes that may follow is the same."""
-        volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
+        volume = self._volume(counts)
         space = min(self._nesting.inner(box).volume, box.container.volume)
         needed = math.ceil(volume / (_FULL * space))
         if "apart" in self._task.settings.groups:

@@ -302,8 +302,9 @@ def _closed(centred: list[Floats], parts: Sequence[Parts]) -> Closed:
 
 def _solids(types: Sequence[ItemType], centred: list[Floats], parts: Sequence[Parts]) -> Solids:
     points: list[Floats] = []
-    inner: dict[bytes, Any] = {}  # copies of a shape in several sizes have the same voxels
-    starts: dict[bytes, int] = {}
+    inner = [np.empty(0, np.uint64)]
+    starts: dict[bytes, int] = {}  # copies of a shape in several sizes have the same voxels
+    used = 0
     own = np.zeros(len(types), np.int64)
     dims = np.zeros((len(types), 3), np.int64)
     lows = np.zeros((len(types), 3))
@@ -318,14 +319,15 @@ def _solids(types: Sequence[ItemType], centred: list[Floats], parts: Sequence[Pa
             continue
         dims[n] = found.shape
         key = hashlib.sha256(found.tobytes()).digest()
-        if key not in inner:
-            starts[key] = sum(map(len, inner.values()))
-            inner[key] = found.ravel()
+        if key not in starts:
+            starts[key] = used
+            inner.append(found.ravel())
+            used += found.size
         own[n] = starts[key]
     return Solids(
         np.concatenate(points),
         _starts(points),
-        np.concatenate([np.empty(0, np.uint64), *inner.values()]),
+        np.concatenate(inner),
         own,
         dims,
         lows,
