@@ -34,12 +34,12 @@ from packit_sim import (
 from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
+from packit_sim.parts.nesting import knapsacks, strips
 from packit_sim.parts.nesting import nest as nest_module
-from packit_sim.parts.nesting import strips
 from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.nesting.problem import Problem
-from packit_sim.parts.nesting.settings import SearchSettings
-from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
+from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 from packit_sim.parts.packings.checked_items import tolerance
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.rotation_sets import matrices
@@ -239,6 +239,34 @@ def test_a_knapsack_prefers_value_and_leaves_out_what_does_not_fit() -> None:
     packing = nest(items, (1.1, 1.1, 1.1), "knapsack", settings=quick(300))
     check(packing)
     assert packing.left_out == (3, 0, 1)
+
+
+def test_a_knapsack_begins_again_until_half_of_the_time_is_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[float] = []
+    constructed = knapsacks.KnapsackSearch._constructed
+
+    def noted(search: knapsacks.KnapsackSearch, problem: Problem) -> Solution:
+        assert search._budget is not None
+        begun.append(search._budget.progress)
+        return constructed(search, problem)
+
+    monkeypatch.setattr(knapsacks.KnapsackSearch, "_constructed", noted)
+    parts = [of(creation.box((1, 0.9 + n / 40, 0.8)), str(n), demand=3) for n in range(5)]
+    volumes: list[float] = []
+    packing = nest(
+        parts,
+        (2.2, 2.2, 2.2),
+        "knapsack",
+        callback=lambda found, _: volumes.append(found.volume),
+        settings=replace(quick(600), search=SearchSettings(max_failures=3)),
+    )
+    check(packing)
+    assert len(begun) > 2
+    assert begun == sorted(begun)
+    assert begun[-1] < DEFAULT_SETTINGS.beginning
+    assert packing.volume == max(volumes)
 
 
 def test_a_knapsack_may_stay_empty() -> None:

@@ -50,6 +50,9 @@ class KnapsackSearch(NestSearch):
     is record-to-record travel (Dueck, 1993) with a random deviation. Between exchanges the box is
     rebuilt: ruin and recreate (Schrimpf et al., 2000), which moves no other item.
 
+    Which of the most important items go in first decides more than all later exchanges. So they are
+    arranged again and again, each time from another construction, until half of the time is over.
+
     Rebuilds gain more than exchanges if few large items fit in, and next to nothing if many small
     ones do. So their time, at most that of exchanges, follows from the gains of both so far.
 
@@ -232,14 +235,34 @@ class KnapsackSearch(NestSearch):
             self._add_items(problem)
 
     def _add_items(self, problem: Problem) -> None:
-        """Search for more items from now on, and put in those that fit."""
+        """Search for more items from now on, and put in those that fit; or begin again."""
         super()._add_items(problem)
         self._failures = 0
         self._good = self._within_limits(problem, self._filled(problem, self._good))
         self._offer(problem, self._solution(self._good))
+        if self._has_all and self._has_time_again():
+            self._begin_again(problem)
+            return
         if self._has_all and self.best is not None:
             self._good = self.best.poses
         self._current = self._good
+
+    def _begin_again(self, problem: Problem) -> None:
+        """Arrange the most important items anew, from another construction."""
+        assert self._budget is not None
+        self._level = 0
+        self._began = self._budget.progress
+        self._offer(problem, self._constructed(problem))
+
+    @property
+    def _most_share(self) -> float:
+        return self._task.settings.beginning
+
+    def _has_time_again(self) -> bool:
+        """Return whether there is time to arrange the most important items once more."""
+        assert self._budget is not None
+        now = self._budget.progress
+        return now + (now - self._began) <= self._task.settings.beginning
 
     def _filled(self, problem: Problem, poses: Poses) -> Poses:
         items, budget = self._items, self._budget

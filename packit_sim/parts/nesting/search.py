@@ -88,6 +88,7 @@ class NestSearch(ABC):
         while order is not None and task.start is None and len(self._levels[0]) >= fewest:
             self._levels.insert(0, order[: len(self._levels[0]) // 2])
         self._level = 0
+        self._began = 0.0  # the share of the search that was over when it had the first level
 
     def advance(self, problem: Problem, budget: SearchBudget) -> None:
         """Search until the budget is spent."""
@@ -106,7 +107,8 @@ class NestSearch(ABC):
                 self._attempt = None
                 self._end(problem, self.best, attempt, is_apart)
             share = (self._level + 1) / max(1, len(self._levels) - 1)
-            if not self._has_all and budget.progress > self._task.settings.first_levels * share:
+            spent = budget.progress - self._began
+            if not self._has_all and spent > self._most_share * share:
                 self._attempt = None
                 self._add_items(problem)
 
@@ -138,6 +140,11 @@ class NestSearch(ABC):
     def _has_all(self) -> bool:
         """True if these are all items."""
         return self._level == len(self._levels) - 1
+
+    @property
+    def _most_share(self) -> float:
+        """The share of the search after which all items are searched for, at the latest."""
+        return self._task.settings.first_levels
 
     @property
     def _is_precise(self) -> bool:

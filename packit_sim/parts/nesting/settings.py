@@ -86,7 +86,9 @@ class SearchSettings:
     first_items : int
         Minimum number of items that are searched for alone.
     first_levels : float
-        Share of the search after which all items are searched for, at the latest.
+        Share of the search for a strip after which all items are searched for, at the latest.
+    beginning : float
+        The same for a knapsack, which until then also begins again with its most important items.
     shrink, early_shrink, least_shrink : float
         Largest share by which a strip shrinks at a time, and the smallest ones: early in the search
         with all items, falling with the time that is left, and at its end.
@@ -171,6 +173,7 @@ class SearchSettings:
     weight_decay: float = 0.95
     first_items: int = 6
     first_levels: float = 0.2
+    beginning: float = 0.5
     shrink: float = 0.04
     early_shrink: float = 0.01
     least_shrink: float = 0.0002
