@@ -103,7 +103,8 @@ class ItemType:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if known_volume is None:
-            known_volume = self.shape.volume * float(np.linalg.norm(self.extents)) ** 3
+            size = float(np.linalg.norm(self.extents))
+            known_volume = self._canonical().volume * size**3
         object.__setattr__(self, "volume", known_volume)
 
     def _check_settings(self) -> None:
@@ -263,11 +264,13 @@ class ItemType:
     @cached_property
     def shape(self) -> Shape:
         """The shape of the mesh, in its canonical frame."""
-        mesh = trimesh.Trimesh(self.vertices, self.faces, process=False)
-        shape = Shape.from_mesh(mesh, self.name)
-        volume = vars(self).get("volume")  # not yet known while it is computed by the shape
         size = float(np.linalg.norm(self.extents))
-        return Shape(shape.mesh, shape.id, shape.category, volume and volume / size**3)
+        shape = self._canonical()
+        return Shape(shape.mesh, shape.id, shape.category, self.volume / size**3)
+
+    def _canonical(self) -> Shape:
+        """Return the shape of the mesh, with a volume of its own."""
+        return Shape.from_mesh(trimesh.Trimesh(self.vertices, self.faces, process=False), self.name)
 
     @cached_property
     def digest(self) -> str:
