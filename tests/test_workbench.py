@@ -297,6 +297,22 @@ def test_files_with_one_name_that_are_sent_at_once_are_parts_with_different_name
     assert len(set(found["result"]["boxes"][0]["parts"])) == 8
 
 
+def test_a_file_that_arrives_while_the_page_asks_is_in_its_next_state(bench, monkeypatch) -> None:
+    sizes, arriving = workbench_module.lengths_text, ["plate.stl"]
+
+    def slow_sizes(lengths: Any) -> str:
+        if arriving:
+            send(bench, arriving.pop(), creation.box((9, 6, 1)))
+        return sizes(lengths)
+
+    send(bench, "cube.stl", creation.box((6, 6, 6)))
+    monkeypatch.setattr(workbench_module, "lengths_text", slow_sizes)
+    first = state(bench)
+    assert not arriving
+    names = [each["name"] for each in (first | state(bench, first["version"]))["files"]]
+    assert names == ["cube.stl", "plate.stl"]
+
+
 def test_files_that_are_removed_during_a_search_stay_until_it_ends(bench, monkeypatch) -> None:
     monkeypatch.setattr(uploads_module, "MAX_FILES", 1)
     number = send(bench, "cube.stl", creation.box((6, 6, 6)))

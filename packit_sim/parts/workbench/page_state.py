@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import shutil
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -232,7 +233,10 @@ class PageState:
             self._version += 1
 
     def to_json(
-        self, seen: str | None, number: str | None, files: list[dict[str, Any]]
+        self,
+        seen: str | None,
+        number: str | None,
+        files: Callable[[], list[dict[str, Any]]],
     ) -> dict[str, Any]:
         """Return what the page shows; only the first fields if it has seen this version.
 
@@ -242,6 +246,9 @@ class PageState:
             The version that the page has seen.
         number : str, optional
             The key of the packing that it shows.
+        files : callable
+            Returns what the page shows of the files. It is called after the version is known: a
+            file that arrives meanwhile is in the list, or the next version has it.
 
         Returns
         -------
@@ -261,7 +268,7 @@ class PageState:
         if seen == "-1":
             state["order"] = self.order
         if seen != str(version):
-            state["files"] = files
+            state["files"] = files()
             if shown is not None:
                 state["packing"], state["locked"] = shown.key, list(shown.locked)
                 if number != shown.key:

@@ -392,7 +392,12 @@ class Workbench:
 
     def _state(self, request: WebRequest) -> WebAnswer:
         """Return all that the page shows, unless it has seen it."""
-        files = [
+        seen, packing = request.query.get("seen"), request.query.get("packing")
+        return WebAnswer.of_json(self._page.to_json(seen, packing, self._files))
+
+    def _files(self) -> list[dict[str, Any]]:
+        """Return what the page shows of the files that were sent."""
+        return [
             {
                 "number": each.number,
                 "name": each.file.name,
@@ -405,8 +410,6 @@ class Workbench:
             }
             for each in list(self._uploads.files.values())
         ]
-        seen, packing = request.query.get("seen"), request.query.get("packing")
-        return WebAnswer.of_json(self._page.to_json(seen, packing, files))
 
     def _archive(self, request: WebRequest) -> WebAnswer:
         """Return all files of the result as one."""

@@ -13,6 +13,7 @@ const POLL = 500; // milliseconds
 const form = get("order").elements;
 let seen = -1; // the version of the state
 let packing = ""; // the packing that is shown
+let kept = 0; // how many orders were sent
 let isLoaded = false;
 let shownFiles = "[]";
 let faults = {}; // of the server
@@ -46,8 +47,9 @@ function order() {
 // Keep the order on the server, so that a reload of the page brings it back, and show what it says.
 async function keep() {
   if (!isLoaded) return;
+  const call = ++kept;
   const found = await attempt("/order", order());
-  if (!found) return;
+  if (!found || call < kept) return; // an answer that another one overtook
   faults = found.faults;
   tellFaults();
   if (hasResult() || !found.boxes || !BoxScene.isPossible) return;
@@ -73,7 +75,7 @@ async function step(name) {
 async function poll() {
   const query = new URLSearchParams({ seen, packing });
   const state = await (await fetch(`/state?${query}`)).json();
-  if (state.version < seen) return; // an answer that another one overtook
+  if (state.version < seen) return; // the same
   shown.isBusy = state.busy;
   get("stop").disabled = !state.busy;
   enable();
