@@ -5,7 +5,8 @@
 
 The parts are those of `many_parts`. Each set is constructed and goes to a grid of cells, in a strip
 that is lower by 5%. All items that are in conflict there move once, with so many samples that
-nothing else counts. Results are written to `benchmarks/results/many_samples.json`; `--table` writes
+nothing else counts. The numbers are medians of seven rounds, each of which takes all sets in turn.
+Results are written to `benchmarks/results/many_samples.json`; `--table` writes
 the table of `docs/benchmarks/nesting-many.md`.
 """
 
@@ -15,6 +16,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -33,9 +35,10 @@ from packit_sim.parts.nesting.cell_filling import cell_side, filled_cells
 from packit_sim.parts.nesting.cell_orders import hardest_first
 from packit_sim.parts.nesting.cell_separation import CellSeparation
 from packit_sim.parts.nesting.cell_separation_kernels import separate_cells
-from packit_sim.parts.nesting.cells import cells_of
+from packit_sim.parts.nesting.cells import Cells, cells_of
 from packit_sim.parts.nesting.filling import tops
-from packit_sim.parts.nesting.problem import boxes_of
+from packit_sim.parts.nesting.problem import Problem, boxes_of
+from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS
 from packit_sim.parts.nesting.tasks import SearchTask, Solution
 
 BLOCK = "many samples"
@@ -48,12 +51,15 @@ COUNTS = 20, 100, 300, 1000
 SAMPLES = 300
 """Samples of a move near the item, and as many in the whole strip."""
 
+ROUNDS = 7
+"""Measurements of each set, in turn with those of the others."""
+
 LOWER = 0.05
 """Share of the height by which the strip is lower."""
 
 
-def measured(count: int) -> dict[str, Any]:
-    """Return how many items moved, and the samples in a second of processor time."""
+def separation(count: int) -> tuple[Problem, Cells, CellSeparation]:
+    """Return an attempt to pack so many parts into a strip that is too low."""
     types, side = parts(count, 1)
     problem = build(types, side, 0.0, by_cells=True, has_fields=False)
     volumes = np.array([each.volume for each in types])
@@ -63,19 +69,22 @@ def measured(count: int) -> dict[str, Any]:
     height = float(tops(problem, task, poses).max())
     cells = cells_of(problem, cell_side(problem, task))
     lower = -math.ceil(LOWER * height / cells.side)
-    attempt = CellSeparation(task, Solution((height,), poses, boxes), cells.side, lower)
-    settings = task.settings
+    solution = Solution((height,), poses, boxes)
+    return problem, cells, CellSeparation(task, solution, cells.side, lower)
+
+
+def measured(problem: Problem, cells: Cells, attempt: CellSeparation) -> tuple[int, float]:
+    """Return how many items moved, and the samples in a second of processor time."""
+    settings = DEFAULT_SETTINGS
     weights = *settings.weight_growth, settings.weight_decay
-    seconds = 0.0
-    for samples in (1, SAMPLES):  # the first time includes compilation
-        state, grid, size = attempt.on_grid(cells)
-        given = problem, cells, state, grid, size
-        separate_cells(*given, 0, (samples, samples), weights, rng)  # compares surfaces
-        moved = int((grid.shared.max(axis=1) > 0).sum())
-        started = time.process_time()
-        separate_cells(*given, 1, (samples, samples), weights, rng)
-        seconds = time.process_time() - started
-    return {"moved": moved, "samples a second": round(2 * SAMPLES * moved / seconds)}
+    rng = np.zeros(1, np.uint64)
+    state, grid, size = attempt.on_grid(cells)
+    given = problem, cells, state, grid, size
+    separate_cells(*given, 0, (SAMPLES, SAMPLES), weights, rng)  # compares surfaces
+    moved = int((grid.shared.max(axis=1) > 0).sum())
+    started = time.process_time()
+    separate_cells(*given, 1, (SAMPLES, SAMPLES), weights, rng)
+    return moved, 2 * SAMPLES * moved / (time.process_time() - started)
 
 
 def table(found: Mapping[str, Mapping[str, Any]]) -> str:
@@ -93,10 +102,21 @@ def main() -> None:
     options = parser.parse_args()
     file = options.out / FILE
     if not options.table:
+        attempts = {count: separation(count) for count in options.counts}
+        for attempt in attempts.values():
+            measured(*attempt)  # the first time includes compilation
+        rates: dict[int, list[float]] = {count: [] for count in attempts}
         found = {}
-        for count in options.counts:
-            found[str(count)] = measured(count)
-            print(count, found[str(count)], flush=True)
+        for _ in range(ROUNDS):
+            for count, attempt in attempts.items():
+                moved, rate = measured(*attempt)
+                rates[count].append(rate)
+                found[str(count)] = {
+                    "moved": moved,
+                    "samples a second": round(median(rates[count])),
+                }
+        for count, own in found.items():
+            print(count, own)
         write_json(file, {"machine": machine(), "counts": found})
     elif options.out == RESULTS:
         write_into_page(PAGE, table(json.loads(file.read_text())["counts"]), BLOCK)

@@ -197,7 +197,7 @@ def grid_of(problem: Problem, cells: Cells, places: Any) -> tuple[Any, CellState
     matrix = np.zeros((n, n), np.float32)
     grid = CellState(
         np.zeros(3),
-        np.zeros((n, 6), np.int64),
+        np.zeros((6, n), np.int32).T,
         matrix,
         matrix.copy(),
         np.ones((n, n), np.float32),

@@ -17,7 +17,7 @@ from packit_sim.parts.nesting.build import build
 from packit_sim.parts.nesting.distance_kernels import STEPS, least_distance
 from packit_sim.parts.nesting.field_kernels import BIAS, REACH, decoded, fill_field
 from packit_sim.parts.nesting.pose_kernels import list_near
-from packit_sim.parts.nesting.problem import Distances
+from packit_sim.parts.nesting.problem import Distances, state_of
 
 
 @kernel
@@ -91,25 +91,25 @@ def test_the_least_distance_of_points_and_its_gradient() -> None:
 
 
 @kernel
-def _near(bounds, i, low, high, meets, near):
-    return list_near(bounds, i, (low[0], low[1], low[2]), (high[0], high[1], high[2]), meets, near)
+def _near(state, bounds, i, low, high):
+    return list_near(state, bounds, i, (low[0], low[1], low[2]), (high[0], high[1], high[2]))
 
 
-@pytest.mark.parametrize("kind", [float, np.int64])
+@pytest.mark.parametrize("kind", [float, np.int32])
 @pytest.mark.parametrize("count", [1, 7, 8, 100])
 def test_near_items_are_all_others_whose_bounds_share_space_with_a_box(count, kind) -> None:
     rng = np.random.default_rng(count)
     low = rng.integers(0, 10, (count, 3))
     bounds = np.asfortranarray(np.hstack((low, low + rng.integers(1, 5, (count, 3)))), dtype=kind)
-    bounds[count // 2 :: 5] = np.array([9e9] * 3 + [-9e9] * 3)  # taken out
+    bounds[count // 2 :: 5] = np.array([1e9] * 3 + [-1e9] * 3)  # taken out
     found = 0
     for i in range(count):
         start = rng.integers(0, 10, 3)
         box = np.array((start, start + rng.integers(1, 5, 3)), dtype=kind)
         shared = (bounds[:, 3:] > box[0]) & (bounds[:, :3] < box[1])
         expected = [j for j in np.flatnonzero(shared.all(axis=1)).tolist() if j != i]
-        meets, near = np.zeros(count, bool), np.zeros(count, np.int64)
-        number = _near(bounds, i, *box, meets, near)
-        assert near[:number].tolist() == expected == np.flatnonzero(meets).tolist()
+        state = state_of([0] * count, count)
+        number = _near(state, bounds, i, *box)
+        assert state.near[:number].tolist() == expected == np.flatnonzero(state.meets).tolist()
         found += number
     assert found > 0 or count == 1

@@ -90,7 +90,7 @@ class CellSeparation:
         n = len(state.types)
         grid = CellState(
             np.full(3, -cells.margin * cells.side),
-            np.zeros((6, n), np.int64).T,
+            np.zeros((6, n), np.int32).T,
             np.zeros((n, n), np.float32),
             np.zeros((n, n), np.float32),
             np.ones((n, n), np.float32),

@@ -41,7 +41,7 @@ class CellState(NamedTuple):
     low : ndarray
         (3,) float64, the lowest corner of the grid.
     bounds : ndarray
-        (n, 6) int64, the lowest cell of each item, and the one after its highest; each column
+        (n, 6) int32, the lowest cell of each item, and the one after its highest; each column
         is contiguous (see `list_near`).
     shared, excused : ndarray
         (n, n) float32, symmetric: cells that pairs share beyond those that they may, and these.
@@ -108,14 +108,14 @@ def _shared_cells(bits, one, p, other, q, enough):
 
 @inner_kernel
 def _cost(cells, state, grid, i, o, p, limit):
-    """Return the weighted overlap of an item at a position; write its shared cells to `found`.
+    """Return the weighted overlap of an item at a position; write what it shares to `found`.
 
     It ends at a limit; what it returns is then no cost.
     """
     form = cells.forms[state.types[i], o]
-    high = p[0] + form[4], p[1] + form[5], p[2] + form[6]
-    count = list_near(grid.bounds, i, (p[0], p[1], p[2]), high, state.meets, state.near)
-    grid.found[:] = 0
+    low = np.int32(p[0]), np.int32(p[1]), np.int32(p[2])
+    high = np.int32(p[0] + form[4]), np.int32(p[1] + form[5]), np.int32(p[2] + form[6])
+    count = list_near(state, grid.bounds, i, low, high)
     total = 0.0
     for n in range(count):
         j = state.near[n]
@@ -213,9 +213,9 @@ def _move(problem, cells, state, grid, i, size, near, far, rng):
                 k -= 1
             costs[k], turned[k], kept[k] = cost, other, p
     before = _cost(cells, state, grid, i, o, grid.bounds[i], NO_LIMIT)
-    best = grid.bounds[i, :3].copy()
+    p[:] = grid.bounds[i, :3]
+    best = p.copy()
     best_turned = o
-    p[:] = best
     least = _descent(cells, state, grid, i, o, p, before, size, rng)
     best[:] = p
     for k in range(KEPT):
@@ -234,6 +234,7 @@ def _move(problem, cells, state, grid, i, size, near, far, rng):
 @inlined
 def _share(cells, state, grid, i):
     """Count the cells again that an item shares with others."""
+    grid.found[:] = 0
     _cost(cells, state, grid, i, state.turned[i], grid.bounds[i], NO_LIMIT)
     grid.shared[i] = grid.found
     grid.shared[:, i] = grid.found

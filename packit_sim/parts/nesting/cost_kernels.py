@@ -204,7 +204,7 @@ def list_near_pose(lookup, state, i, o, p):
     box = lookup.boxes[state.types[i], o]
     low = p[0] + box[0], p[1] + box[1], p[2] + box[2]
     high = p[0] + box[3], p[1] + box[4], p[2] + box[5]
-    return list_near(state.bounds, i, low, high, state.meets, state.near)
+    return list_near(state, state.bounds, i, low, high)
 
 
 @inlined

@@ -69,26 +69,28 @@ def set_overlap(state, i, j, depth):
 
 
 @inner_kernel
-def list_near(bounds, i, low, high, meets, near):
+def list_near(state, bounds, i, low, high):
     """List the items whose bounds have something in common with a box, besides item i.
 
     Parameters
     ----------
+    state : State
+        Its `meets` and `near` get whether an item is one of them, and their numbers.
     bounds : ndarray
         (n, 6), lowest and highest corners; each column is contiguous.
     i : int
         The item.
     low, high : tuple
-        The corners of the box.
-    meets, near : ndarray
-        (n,) bool and int64; get whether an item is one of them, and their numbers.
+        The corners of the box, of the type of the bounds: others are compared one at a time.
 
     Returns
     -------
     int
         Their number.
     """
-    # Two loops without branches: the first compares eight items at a time.
+    meets, near = state.meets, state.near
+    # Two loops without branches for each item: the first compares eight at a time, and most of the
+    # eights of the second are empty.
     for j in range(len(bounds)):
         meets[j] = (
             (bounds[j, 5] > low[2])
@@ -100,9 +102,11 @@ def list_near(bounds, i, low, high, meets, near):
         )
     meets[i] = False
     count = 0
-    for j in range(len(bounds)):
-        near[count] = j
-        count += meets[j]
+    for n in range(len(state.eights)):
+        if state.eights[n] != 0:
+            for j in range(8 * n, min(8 * n + 8, len(bounds))):
+                near[count] = j
+                count += meets[j]
     return count
 
 

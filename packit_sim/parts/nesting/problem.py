@@ -268,7 +268,9 @@ class State(NamedTuple):
     slope : ndarray
         (3,) float64, a work array for the gradient of an item's cost.
     meets, near : ndarray
-        (n,) bool and int64, work arrays of `list_near`.
+        (n,) bool, with up to seven more that are never set, and int64, work arrays of `list_near`.
+    eights : ndarray
+        uint64, the memory of `meets`, eight items at a time.
     """
 
     movable: int
@@ -284,6 +286,7 @@ class State(NamedTuple):
     slope: Any
     meets: Any
     near: Any
+    eights: Any
 
 
 def with_own_arrays(problem: Problem) -> Problem:
@@ -338,6 +341,7 @@ def state_of(types: Sequence[int], movable: int, has_weights: bool = True) -> St
     Without fields nothing is weighted: the weights are then 0, which takes no memory.
     """
     n = len(types)
+    eights = np.zeros(-(-n // 8), np.uint64)
     weights = np.ones((n, n)) if has_weights else np.zeros((n, n))
     return State(
         movable,
@@ -351,6 +355,7 @@ def state_of(types: Sequence[int], movable: int, has_weights: bool = True) -> St
         np.zeros(n),
         np.zeros((n, n)),
         np.zeros(3),
-        np.zeros(n, np.bool_),
+        eights.view(np.bool_),
         np.zeros(n, np.int64),
+        eights,
     )
