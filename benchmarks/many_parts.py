@@ -94,7 +94,7 @@ FIELDS = "cells: fields of pairs"
 
 WITHOUT: dict[str, dict[str, Any]] = {
     "nothing": {},
-    FIELDS: {"most_fields": 10**9},
+    FIELDS: {"most_fields": 10**9, "most_hollow_fields": 10**9},
     "further constructions": {"constructing": 0.0},
     "separations": {"constructing": 1.0},
     "settling": {"settling_steps": (0.0, 0.04)},

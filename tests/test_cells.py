@@ -13,7 +13,7 @@ from trimesh import creation
 from packit_sim import BoxContainer, ItemType, NestSettings, nest
 from packit_sim.parts.nesting import cells as cells_module
 from packit_sim.parts.nesting import knapsacks
-from packit_sim.parts.nesting.build import build, count_fields
+from packit_sim.parts.nesting.build import build, have_many_fields
 from packit_sim.parts.nesting.cell_filling import filled_cells
 from packit_sim.parts.nesting.cell_orders import hardest_first, most_valuable_first
 from packit_sim.parts.nesting.cell_separation_kernels import CellState, put_on_grid
@@ -31,9 +31,7 @@ from packit_sim.parts.nesting.voxel_sets import placed_voxels, voxelized
 SIDE = 0.21
 """The side of cells, which no size of an item is a multiple of."""
 
-BY_CELLS = replace(
-    DEFAULT_SETTINGS, most_fields=0, most_box_fields=0, cell_patience=20, finest_cells=44
-)
+BY_CELLS = replace(DEFAULT_SETTINGS, most_fields=0, cell_patience=20, finest_cells=44)
 
 
 def shapes(count: int, rotations: str = "cube") -> list[ItemType]:
@@ -353,6 +351,21 @@ def test_items_as_cells_keep_clear_of_obstacles_and_of_a_start() -> None:
     assert later.height <= packing.height * (1 + 1e-9)
 
 
+def test_hollow_items_in_a_strip_have_too_many_fields_sooner() -> None:
+    cubes, tubes = (
+        [ItemType(str(n), mesh.vertices, mesh.faces, rotations="cube") for n in range(3)]
+        for mesh in (creation.box((1, 2, 3)), creation.annulus(r_min=0.9, r_max=1, height=2))
+    )
+    settings = replace(DEFAULT_SETTINGS, most_fields=144, most_hollow_fields=143)
+    few = replace(settings, most_fields=143)  # there are 144: 6 pairs, 24 relative rotations
+    for types in (cubes, tubes):
+        assert not have_many_fields(types, False, settings)
+        assert have_many_fields(types, False, few) and have_many_fields(types, True, few)
+    assert have_many_fields(tubes, True, settings) and not have_many_fields(cubes, True, settings)
+    enough = replace(settings, most_hollow_fields=144)
+    assert not have_many_fields(tubes, True, enough)
+
+
 def test_cells_are_for_strips_of_many_types_that_fit_on_a_grid(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -366,7 +379,7 @@ def test_cells_are_for_strips_of_many_types_that_fit_on_a_grid(
     monkeypatch.setattr(CellStripSearch, "__init__", note)
     few, settings = shapes(3), NestSettings(workers=1, iterations=1)
     nest(few, (5, 5, math.inf), settings=settings)
-    assert count_fields(few) == 144 and not begun  # 6 pairs, 24 relative rotations
+    assert not begun
     by_cells = replace(settings, search=BY_CELLS)
     nest(few, (5, 5, math.inf), settings=by_cells)
     assert len(begun) == 1

@@ -311,7 +311,7 @@ def test_obstacles_may_be_larger_than_items_on_a_grid_of_cells(
         return Problems(*arguments)
 
     monkeypatch.setattr(nest_module, "Problems", problems)
-    settings = replace(FEW, search=SearchSettings(most_box_fields=5))
+    settings = replace(FEW, search=SearchSettings(most_fields=5))
     container = CylinderContainer(140, 100, (of(block(((-9, 60, -9), (150, 80, 200)))),))
     packing = nest(types(2), container, "knapsack", settings=settings)
     assert asked == [True]

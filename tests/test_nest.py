@@ -269,6 +269,43 @@ def test_a_knapsack_begins_again_until_half_of_the_time_is_over(
     assert packing.volume == max(volumes)
 
 
+def test_a_strip_begins_again_each_minute_and_the_best_stays(monkeypatch) -> None:
+    task = SearchTask(np.zeros(40, np.int64), np.ones(40), np.ones(40), ((1.0, 1.0, math.inf),))
+    times = [nest_module._beginnings(task, seconds) for seconds in (1, 60, 119, 120, 300, 9000)]
+    assert times == [1, 1, 1, 2, 5, 10]
+    of_many = replace(task, volumes=np.ones(150))
+    assert nest_module._beginnings(of_many, 300) == 2
+    assert nest_module._beginnings(replace(task, start=task.unplaced), 300) == 1
+
+
+def test_each_beginning_of_a_strip_has_its_own_construction(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[strips.StripSearch] = []
+    constructed = strips.StripSearch._constructed
+
+    def noted(search: strips.StripSearch, problem: Problem) -> Solution:
+        assert search.best is None
+        begun.append(search)
+        return constructed(search, problem)
+
+    monkeypatch.setattr(strips.StripSearch, "_constructed", noted)
+    items, heights = mixed("cube"), list[float]()
+    nest(items, (3.1, 2.9, OPEN), time=9000, settings=quick(1))  # also compiles
+    assert len(begun) == 1
+    search = SearchSettings(beginning_seconds=(0.5, 0.0))
+    often = NestSettings(workers=1, search=search, clock="processor")
+    best = nest(
+        *(items, (3.1, 2.9, OPEN)),
+        time=2,
+        settings=often,
+        callback=lambda found, _: heights.append(found.height),
+    )
+    assert 3 <= len(begun) <= 5
+    assert heights == sorted(set(heights), reverse=True) and heights[-1] == best.height
+    check(best)
+
+
 def test_a_knapsack_may_stay_empty() -> None:
     packing = nest([of(cube())], (0.5, 0.5, 0.5), "knapsack", settings=quick())
     assert packing.placements == () and packing.left_out == (1,)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, cKDTree
 
 from packit_sim.core.caches import bounded_cache
+from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.parts import Parts
 from packit_sim.geometry.triangle_trees import boxes_of, tree_order
@@ -174,10 +175,22 @@ def build(
     )
 
 
-def count_fields(types: Sequence[ItemType]) -> int:
-    """Return the number of fields of all pairs of types."""
+def have_many_fields(types: Sequence[ItemType], in_strip: bool, settings: SearchSettings) -> bool:
+    """Return whether types have so many fields that a search should have cells instead.
+
+    Fields see thin walls less well than cells do.
+    """
     turns, _ = _turns(types)
-    return len(types) * (len(types) + 1) // 2 * len(_relative(turns)[1])
+    fields = len(types) * (len(types) + 1) // 2 * len(_relative(turns)[1])
+    if fields > settings.most_fields or not in_strip:
+        return fields > settings.most_fields
+    return fields > settings.most_hollow_fields and _are_hollow(types, settings)
+
+
+def _are_hollow(types: Sequence[ItemType], settings: SearchSettings) -> bool:
+    """Return whether items fill little of their convex hulls, one of each type together."""
+    volume = plain_sum(each.volume for each in types)
+    return volume < settings.hollow * plain_sum(map(_hull_volume, types))
 
 
 def _hull_volume(item_type: ItemType) -> float:

@@ -21,7 +21,7 @@ from packit_sim.geometry.motions import ROTATION_SLACK, Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.parts.nesting.balance import Balance
 from packit_sim.parts.nesting.bins import BinsSearch
-from packit_sim.parts.nesting.build import SLACK, count_fields
+from packit_sim.parts.nesting.build import SLACK, have_many_fields
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.copies import CopiesSearch
 from packit_sim.parts.nesting.knapsacks import KnapsackSearch
@@ -210,9 +210,7 @@ def nest(
     # Obstacles are large, and most of their fields are never used: those are not worth the wait.
     shares_fields = settings.iterations is None and not obstacles
     all_types = (*searched, *obstacles)
-    search = settings.search
-    most_fields = search.most_box_fields if objective == "knapsack" else search.most_fields
-    is_large = count_fields(all_types) > most_fields
+    is_large = have_many_fields(all_types, objective == "strip", settings.search)
     by_cells = objective != "bins" and is_large and _suit_cells(searched, containers[0])
     has_fields = not by_cells or objective != "strip"
     bodies = tuple(
@@ -254,14 +252,17 @@ def nest(
 
     best: Packing | None = None
     with search_workers(settings.workers, settings.backend, settings.address) as workers:
-        seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
-        searches = [kind(task, int(each)) for each in seeds]
+        times = _beginnings(task, time) if kind is StripSearch and not settings.iterations else 1
+        seeds = np.random.SeedSequence(seed).generate_state(times * workers.count, np.uint64)
+        beginnings = [
+            [kind(task, int(each)) for each in own] for own in seeds.reshape(times, workers.count)
+        ]
         before = now() - began
         stop = settings.stop or threading.Event()
         limits = Limits(time - before, settings.iterations, stop, settings.clock)
         try:
             for best, seconds in rounds(
-                problems, searches, limits, workers, checked, settings.search
+                problems, beginnings, limits, workers, checked, settings.search
             ):
                 if callback is not None:
                     callback(best, before + seconds)
@@ -271,6 +272,16 @@ def nest(
     if best is None:
         raise NestingError(f"no valid packing was found in {time:g} s: allow more time")
     return best
+
+
+def _beginnings(task: SearchTask, seconds: float) -> int:
+    """Return how often the search for a strip begins in so many seconds."""
+    if task.start is not None:
+        return 1
+    settings = task.settings
+    least, for_item = settings.beginning_seconds
+    shortest = max(least, for_item * task.count)
+    return int(min(max(seconds / shortest, 1), settings.most_beginnings))
 
 
 def _body(item_type: ItemType, distance: float, tolerance: float) -> ItemType:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
 
@@ -150,18 +150,20 @@ class _Stopwatch:
 
 def rounds(
     problems: Problems,
-    searches: Sequence[NestSearch],
+    beginnings: Sequence[list[NestSearch]],
     limits: Limits,
     workers: Workers | Threads,
     check: Callable[[Solution], Packing | None],
     settings: SearchSettings,
 ) -> Iterator[tuple[Packing, float]]:
-    """Search in rounds, the first of which only constructs a packing.
+    """Search in rounds, from one beginning after the other.
 
     Parameters
     ----------
-    searches : sequence of NestSearch
-        The searches, one for each worker.
+    beginnings : sequence of list of NestSearch
+        Searches, one for each worker; each beginning gets as many of the seconds.
+    limits : Limits
+        Limits of all of them together; a limit of passes is for each.
     workers : Workers or Threads
         The threads or processes that they run in.
     check : callable
@@ -177,12 +179,38 @@ def rounds(
         The seconds until then.
     """
     watch = _Stopwatch(limits.clock)
+    best: Solution | None = None
     problems.get()
+    for n, searches in enumerate(beginnings):
+        start = watch.seconds if n else 0.0
+        own = replace(limits, seconds=(limits.seconds - start) / (len(beginnings) - n))
+        for solution, packing in _once(
+            problems, searches, own, workers, check, settings, watch, start
+        ):
+            if best is None or solution.score < best.score:
+                best = solution
+                yield packing, watch.seconds
+        is_over = limits.passes is None and watch.seconds >= limits.seconds
+        if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
+            return
+
+
+def _once(
+    problems: Problems,
+    searches: list[NestSearch],
+    limits: Limits,
+    workers: Workers | Threads,
+    check: Callable[[Solution], Packing | None],
+    settings: SearchSettings,
+    watch: _Stopwatch,
+    start: float,
+) -> Iterator[tuple[Solution, Packing]]:
+    """Search in rounds, the first of which only constructs a packing; yield what becomes better."""
     passes = limits.passes
     best: Solution | None = None
     stop = limits.stop if isinstance(workers, Threads) else None
     for number in count():
-        now = watch.seconds
+        now = watch.seconds - start
         shortest, longest = settings.round_seconds
         length = min(max(settings.round_growth * now, shortest), longest)
         seconds = min(length, limits.seconds - now) if number else 0.0
@@ -200,7 +228,7 @@ def rounds(
         except KeyboardInterrupt:
             limits.stop.set()
             raise
-        searches = [search for search, _ in ends]
+        searches[:] = [search for search, _ in ends]
         if not (number or limits.stop.is_set()) and any(each.is_cut for each in searches):
             _log.warning("the time was over before all items were tried: allow more time")
         watch.add(spent for _, spent in ends)
@@ -210,7 +238,7 @@ def rounds(
             packing = check(solution)
             if packing is not None:
                 best = solution
-                yield packing, watch.seconds
+                yield solution, packing
                 break
         for each in searches:
             if best is None or (each.best is not None and each.best.score < best.score):
@@ -219,7 +247,7 @@ def rounds(
                 each.adopt(problems.get(), best)
         if passes is not None and share is not None:
             passes -= share
-        is_over = watch.seconds >= limits.seconds if passes is None else passes <= 0
+        is_over = watch.seconds - start >= limits.seconds if passes is None else passes <= 0
         if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
             return
 

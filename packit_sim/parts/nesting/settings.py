@@ -20,9 +20,10 @@ class SearchSettings:
         surfaces compute nodes than where fields only choose among samples.
     max_field_values, max_fields : int
         Memory for fields: nodes of two bytes, and fields. When either is full, all are dropped.
-    most_fields, most_box_fields : int
-        Fields of all pairs of types up to which a strip or a box is searched with fields; with
-        more, items are placed and moved apart as cells (see `cells`).
+    most_fields, most_hollow_fields : int
+        Fields of all pairs of types up to which a strip or a box is searched with fields, and up to
+        which a strip of items that are hollow together is; with more, items are placed and moved
+        apart as cells (see `cells`).
     max_refined_fields : int
         Fields of a problem up to which the surfaces compute nodes; with more, a node is hardly
         ever used twice.
@@ -89,6 +90,11 @@ class SearchSettings:
         Share of the search for a strip after which all items are searched for, at the latest.
     beginning : float
         The same for a knapsack, which until then also begins again with its most important items.
+    beginning_seconds : tuple of float
+        Seconds after which the search for a strip begins again, from another construction: at
+        least, and for each item.
+    most_beginnings : int
+        How often it begins at most; with more time, each search is longer.
     shrink, early_shrink, least_shrink : float
         Largest share by which a strip shrinks at a time, and the smallest ones: early in the search
         with all items, falling with the time that is left, and at its end.
@@ -140,8 +146,8 @@ class SearchSettings:
     rough_voxels: int = 8
     max_field_values: int = 200_000_000
     max_fields: int = 200_000
-    most_fields: int = 15_000
-    most_box_fields: int = 30_000
+    most_fields: int = 30_000
+    most_hollow_fields: int = 15_000
     max_refined_fields: int = 3000
     simple_triangles: int = 200
     refined_work: int = 50_000
@@ -174,6 +180,8 @@ class SearchSettings:
     first_items: int = 6
     first_levels: float = 0.2
     beginning: float = 0.5
+    beginning_seconds: tuple[float, float] = (60.0, 1.0)
+    most_beginnings: int = 10
     shrink: float = 0.04
     early_shrink: float = 0.01
     least_shrink: float = 0.0002
