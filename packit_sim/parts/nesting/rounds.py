@@ -161,9 +161,9 @@ def rounds(
     Parameters
     ----------
     beginnings : sequence of list of NestSearch
-        Searches, one for each worker; each beginning gets as many of the seconds.
+        Searches, one for each worker; each list has an equal share of the seconds.
     limits : Limits
-        Limits of all of them together; a limit of passes is for each.
+        The seconds of all lists together; passes are for each list.
     workers : Workers or Threads
         The threads or processes that they run in.
     check : callable
