@@ -31,7 +31,7 @@ ITERATIONS = 5
 SECONDS = 2.0
 """Time limit of each search, in seconds."""
 
-BY_CELLS = SearchSettings(most_fields=0, most_box_fields=0)
+BY_CELLS = SearchSettings(most_fields=0)
 """Settings of a search by cells, however few different parts there are."""
 
 
