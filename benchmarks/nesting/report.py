@@ -69,7 +69,7 @@ rotation sets.
 Two searches run side by side, on two cores. Times are processor seconds of each search, so that
 other work on the machine does not count. The results of `fixed` and `axis-n` after 60 s are of one
 version, those of two tasks with `cube` of the present one, in a strip on a slower machine than all
-others. The rest is older.
+others. Most of the rest is older.
 
 Of 35 published rows four are missing: their two instances (Lamas-Fernandez et al. 2022) are under
 other licences. Packings below the best that was published are in `benchmarks/records/`, in ESICUP's
