@@ -6,8 +6,8 @@
 The parts are those of `many_parts`. Each set is constructed and goes to a grid of cells, in a strip
 that is lower by 5%. All items that are in conflict there move once, with so many samples that
 nothing else counts. The numbers are medians of seven rounds, each of which takes all sets in turn.
-Results are written to `benchmarks/results/many_samples.json`; `--table` writes
-the table of `docs/benchmarks/nesting-many.md`.
+Results are written to `benchmarks/results/many_samples.json`; `--table` writes the table of
+`docs/benchmarks/nesting-many.md`.
 """
 
 from __future__ import annotations
@@ -105,19 +105,19 @@ def main() -> None:
         attempts = {count: separation(count) for count in options.counts}
         for attempt in attempts.values():
             measured(*attempt)  # the first time includes compilation
-        rates: dict[int, list[float]] = {count: [] for count in attempts}
-        found = {}
+        found: dict[int, list[tuple[int, float]]] = {count: [] for count in attempts}
         for _ in range(ROUNDS):
             for count, attempt in attempts.items():
-                moved, rate = measured(*attempt)
-                rates[count].append(rate)
-                found[str(count)] = {
-                    "moved": moved,
-                    "samples a second": round(median(rates[count])),
-                }
-        for count, own in found.items():
-            print(count, own)
-        write_json(file, {"machine": machine(), "counts": found})
+                found[count].append(measured(*attempt))
+        counts = {
+            str(count): {
+                "moved": own[0][0],
+                "samples a second": round(median(rate for _, rate in own)),
+            }
+            for count, own in found.items()
+        }
+        print(table(counts))
+        write_json(file, {"machine": machine(), "counts": counts})
     elif options.out == RESULTS:
         write_into_page(PAGE, table(json.loads(file.read_text())["counts"]), BLOCK)
 

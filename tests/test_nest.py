@@ -269,7 +269,7 @@ def test_a_knapsack_begins_again_until_half_of_the_time_is_over(
     assert packing.volume == max(volumes)
 
 
-def test_a_strip_begins_again_each_minute_and_the_best_stays(monkeypatch) -> None:
+def test_a_strip_begins_again_each_minute_or_after_a_second_for_each_item() -> None:
     task = SearchTask(np.zeros(40, np.int64), np.ones(40), np.ones(40), ((1.0, 1.0, math.inf),))
     times = [nest_module._beginnings(task, seconds) for seconds in (1, 60, 119, 120, 300, 9000)]
     assert times == [1, 1, 1, 2, 5, 10]

@@ -182,9 +182,8 @@ def have_many_fields(types: Sequence[ItemType], in_strip: bool, settings: Search
     """
     turns, _ = _turns(types)
     fields = len(types) * (len(types) + 1) // 2 * len(_relative(turns)[1])
-    if fields > settings.most_fields or not in_strip:
-        return fields > settings.most_fields
-    return fields > settings.most_hollow_fields and _are_hollow(types, settings)
+    may_be_hollow = in_strip and fields > settings.most_hollow_fields
+    return fields > settings.most_fields or (may_be_hollow and _are_hollow(types, settings))
 
 
 def _are_hollow(types: Sequence[ItemType], settings: SearchSettings) -> bool:

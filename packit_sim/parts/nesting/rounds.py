@@ -178,19 +178,17 @@ def rounds(
     seconds : float
         The seconds until then.
     """
-    watch = _Stopwatch(limits.clock)
     best: Solution | None = None
-    problems.get()
+    before = 0.0
     for n, searches in enumerate(beginnings):
-        start = watch.seconds if n else 0.0
-        own = replace(limits, seconds=(limits.seconds - start) / (len(beginnings) - n))
-        for solution, packing in _once(
-            problems, searches, own, workers, check, settings, watch, start
-        ):
+        watch = _Stopwatch(limits.clock)
+        own = replace(limits, seconds=(limits.seconds - before) / (len(beginnings) - n))
+        for solution, packing in _once(problems, searches, own, workers, check, settings, watch):
             if best is None or solution.score < best.score:
                 best = solution
-                yield packing, watch.seconds
-        is_over = limits.passes is None and watch.seconds >= limits.seconds
+                yield packing, before + watch.seconds
+        before += watch.seconds
+        is_over = limits.passes is None and before >= limits.seconds
         if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
             return
 
@@ -203,14 +201,14 @@ def _once(
     check: Callable[[Solution], Packing | None],
     settings: SearchSettings,
     watch: _Stopwatch,
-    start: float,
 ) -> Iterator[tuple[Solution, Packing]]:
     """Search in rounds, the first of which only constructs a packing; yield what becomes better."""
+    problems.get()
     passes = limits.passes
     best: Solution | None = None
     stop = limits.stop if isinstance(workers, Threads) else None
     for number in count():
-        now = watch.seconds - start
+        now = watch.seconds
         shortest, longest = settings.round_seconds
         length = min(max(settings.round_growth * now, shortest), longest)
         seconds = min(length, limits.seconds - now) if number else 0.0
@@ -247,7 +245,7 @@ def _once(
                 each.adopt(problems.get(), best)
         if passes is not None and share is not None:
             passes -= share
-        is_over = watch.seconds - start >= limits.seconds if passes is None else passes <= 0
+        is_over = watch.seconds >= limits.seconds if passes is None else passes <= 0
         if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
             return
 

@@ -75,7 +75,7 @@ async function step(name) {
 async function poll() {
   const query = new URLSearchParams({ seen, packing });
   const state = await (await fetch(`/state?${query}`)).json();
-  if (state.version < seen) return; // the same
+  if (state.version < seen) return; // an answer that another one overtook
   shown.isBusy = state.busy;
   get("stop").disabled = !state.busy;
   enable();
