@@ -252,7 +252,10 @@ def nest(
 
     best: Packing | None = None
     with search_workers(settings.workers, settings.backend, settings.address) as workers:
-        times = _beginnings(task, time) if kind is StripSearch and not settings.iterations else 1
+        times = 1
+        if kind is StripSearch and settings.iterations is None and task.start is None:
+            can_turn = problems.get().allowed_counts[: len(types)].max() > 1
+            times, task.settings = _beginnings(task, time, can_turn)
         seeds = np.random.SeedSequence(seed).generate_state(times * workers.count, np.uint64)
         beginnings = [
             [kind(task, int(each)) for each in own] for own in seeds.reshape(times, workers.count)
@@ -274,14 +277,16 @@ def nest(
     return best
 
 
-def _beginnings(task: SearchTask, seconds: float) -> int:
-    """Return how often the search for a strip begins in so many seconds."""
-    if task.start is not None:
-        return 1
+def _beginnings(task: SearchTask, seconds: float, can_turn: bool) -> tuple[int, SearchSettings]:
+    """Return how often the search for a strip begins in so many seconds, and its settings then."""
     settings = task.settings
     least, for_item = settings.beginning_seconds
-    shortest = max(least, for_item * task.count)
-    return int(min(max(seconds / shortest, 1), settings.most_beginnings))
+    times = seconds / max(least, for_item * task.count)
+    if can_turn and times >= settings.persevering:
+        times /= settings.persevering
+        patience = settings.persevering_patience
+        settings = replace(settings, patience=patience, restart_probability=0.0)
+    return int(min(max(times, 1), settings.most_beginnings)), settings
 
 
 def _body(item_type: ItemType, distance: float, tolerance: float) -> ItemType:

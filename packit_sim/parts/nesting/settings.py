@@ -95,6 +95,11 @@ class SearchSettings:
         least, and for each item.
     most_beginnings : int
         How often it begins at most; with more time, each search is longer.
+    persevering : int
+        From the time of so many beginnings on, one search takes all of it and perseveres, if items
+        can turn: in long separations, of which each goes on from the poses of a failed one.
+    persevering_patience : int
+        The patience of these separations.
     shrink, early_shrink, least_shrink : float
         Largest share by which a strip shrinks at a time, and the smallest ones: early in the search
         with all items, falling with the time that is left, and at its end.
@@ -182,6 +187,8 @@ class SearchSettings:
     beginning: float = 0.5
     beginning_seconds: tuple[float, float] = (60.0, 1.0)
     most_beginnings: int = 10
+    persevering: int = 5
+    persevering_patience: int = 240
     shrink: float = 0.04
     early_shrink: float = 0.01
     least_shrink: float = 0.0002
