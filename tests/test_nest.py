@@ -312,6 +312,8 @@ def test_only_a_search_from_its_own_beginning_for_items_that_can_turn_perseveres
     check(nest(items, (3.1, 2.9, OPEN), time=0.5, settings=settings))
     patience = search.persevering_patience if perseveres else search.patience
     assert begun and {each.patience for each in begun} == {patience}
+    if goes_on or perseveres:
+        assert len(begun) == 1
 
 
 def test_each_beginning_of_a_strip_has_its_own_construction(
