@@ -34,7 +34,7 @@ from packit_sim import (
 from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
-from packit_sim.parts.nesting import knapsacks, strips
+from packit_sim.parts.nesting import knapsacks, rounds, strips
 from packit_sim.parts.nesting import nest as nest_module
 from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.nesting.problem import Problem
@@ -316,6 +316,40 @@ def test_only_a_search_from_its_own_beginning_for_items_that_can_turn_perseveres
         assert len(begun) == 1
 
 
+def test_a_strip_gets_lower_at_the_end_by_moves_of_all_its_items() -> None:
+    def height(moves: int) -> float:
+        settings = replace(quick(100), search=SearchSettings(finishing_moves=moves))
+        packing = nest(mixed("cube"), (3.1, 2.9, OPEN), settings=settings)
+        check(packing)
+        return packing.height
+
+    before = height(0)
+    assert height(1) < before - 1e-4
+    assert height(10) < height(1)
+
+
+def test_time_is_left_for_the_end_of_a_strip() -> None:
+    task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((1.0, 1.0, math.inf),))
+    searches = [strips.StripSearch(task, 0)], [knapsacks.KnapsackSearch(task, 0)]
+    left = [rounds._left_over(each, 60.0, DEFAULT_SETTINGS) for each in searches]
+    assert left == [pytest.approx(1.2), 0]
+    assert rounds._left_over(searches[0], 600.0, DEFAULT_SETTINGS) == 2
+
+
+def test_moves_at_the_end_do_not_count_if_the_strip_is_not_valid_then(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def sunk(problem: Problem, task: SearchTask, poses: Poses, *_: object) -> Poses:
+        return replace(poses, places=poses.places * (1, 1, 0.5))
+
+    settings = replace(quick(100), search=SearchSettings(finishing_moves=0))
+    as_it_was = nest(mixed("cube"), (3.1, 2.9, OPEN), settings=settings)
+    monkeypatch.setattr(strips, "compacted", sunk)
+    packing = nest(mixed("cube"), (3.1, 2.9, OPEN), settings=settings)
+    check(packing)
+    assert packing.height == as_it_was.height
+
+
 def test_each_beginning_of_a_strip_has_its_own_construction(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -536,7 +570,7 @@ def test_a_search_begins_with_a_former_packing(objective, size) -> None:
         mixed("cube"),
         BoxContainer(size, (obstacle,)),
         objective,
-        settings=replace(quick(1), start=former),
+        settings=replace(quick(1), start=former, search=SearchSettings(finishing_moves=0)),
     )
     check(moved)
     kept = {p.matrix.tobytes() for p in moved.placements} & {

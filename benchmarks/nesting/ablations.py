@@ -2,21 +2,19 @@
 
     .venv/bin/python -m benchmarks.nesting.ablations --data ../shared/esicup
 
-Without --data, the strips are built-in ones. Each variant runs in its own process, which compiles
-its own kernels. The results are written to `benchmarks/results/nesting_ablations.json` one by one:
-what has a result is not searched again. `python -m benchmarks.nesting --table` puts them on the
-page.
+Without --data, the strips are built-in ones. Each variant runs in its own process, of which it may
+replace functions. The results are written to `benchmarks/results/nesting_ablations.json` one by
+one: what has a result is not searched again. `python -m benchmarks.nesting --table` puts them on
+the page.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
@@ -96,6 +94,11 @@ def all_at_once() -> SearchSettings:
     return SearchSettings(first_items=sys.maxsize)
 
 
+def no_finishing() -> SearchSettings:
+    """Let the items of the lowest strip stay where an attempt left them."""
+    return SearchSettings(finishing_moves=0, finishing=(0.0, 0.0))
+
+
 WHOLE = "as it is"
 
 VARIANTS: dict[str, Callable[[], SearchSettings]] = {
@@ -104,6 +107,7 @@ VARIANTS: dict[str, Callable[[], SearchSettings]] = {
     "overlap without sizes": no_sizes,
     "no construction": no_construction,
     "all items at once": all_at_once,
+    "no moves of all items at the end": no_finishing,
 }
 """The settings of each variant; some also replace functions."""
 
@@ -127,19 +131,8 @@ def main() -> None:
         )
         return
     for name in VARIANTS:
-        with TemporaryDirectory() as kernels:
-            subprocess.run(
-                [
-                    sys.executable,
-                    "-m",
-                    "benchmarks.nesting.ablations",
-                    *sys.argv[1:],
-                    "--only",
-                    name,
-                ],
-                env={**os.environ, "NUMBA_CACHE_DIR": kernels},
-                check=True,
-            )
+        module = "benchmarks.nesting.ablations"
+        subprocess.run([sys.executable, "-m", module, *sys.argv[1:], "--only", name], check=True)
 
 
 def measure(

@@ -7,7 +7,7 @@ from packit_sim.parts.nesting.cell_filling import cell_side, filled_cells, settl
 from packit_sim.parts.nesting.cell_orders import hardest_first
 from packit_sim.parts.nesting.cell_separation import CellSeparation
 from packit_sim.parts.nesting.cells import least_side
-from packit_sim.parts.nesting.compaction import compact
+from packit_sim.parts.nesting.compaction import compacted
 from packit_sim.parts.nesting.filling import constructed, loaded
 from packit_sim.parts.nesting.finer_sides import FinerSides
 from packit_sim.parts.nesting.problem import Problem, boxes_of
@@ -100,11 +100,10 @@ class CellStripSearch(NestSearch):
 
     def _compact(self, problem: Problem) -> None:
         """Move all items of the best strip at once, which single ones did not make lower."""
-        task = self._task
         assert self.best is not None
-        state = loaded(problem, task, self.best.poses, boxes_of([task.size]))
-        compact(problem, task, state, task.settings.compacting_moves, self._budget)
-        self._offer(problem, self._solution(problem, Poses.of(state)))
+        boxes, moves = boxes_of([self._task.size]), self._task.settings.compacting_moves
+        poses = compacted(problem, self._task, self.best.poses, boxes, moves, self._budget)
+        self._offer(problem, self._solution(problem, poses))
         self._compacted = self.best.poses
 
     def _order(self, problem: Problem, shuffle: float) -> Ints:

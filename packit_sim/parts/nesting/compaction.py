@@ -8,9 +8,10 @@ from scipy.sparse import coo_matrix
 
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts.nesting.contact_kernels import cutting_planes, first_planes
+from packit_sim.parts.nesting.filling import loaded
 from packit_sim.parts.nesting.pose_kernels import put
 from packit_sim.parts.nesting.problem import Problem, State
-from packit_sim.parts.nesting.tasks import SearchBudget, SearchTask
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
 
 REACH, LEAST_REACH = 0.01, 0.003
 """Longest way of an item along an axis, as a share of the base's longer side: at first and last."""
@@ -18,8 +19,15 @@ REACH, LEAST_REACH = 0.01, 0.003
 ENOUGH = 1e-3
 """Share of the height by which all moving at once must lower a strip, or ways become shorter."""
 
-STEP, MARGIN = 1e-6, 1e-8
-"""Step of differences, and distance that is kept beyond the clearance, as such shares too."""
+STEP = 1e-6
+"""Step of differences, as such a share too."""
+
+MARGIN, CELLS_MARGIN = 5e-5, 1e-8
+"""Distance that is kept beyond the clearance, as such shares: half of a check's tolerance.
+
+Drawing in a hollow moves its inner surface outwards, by other lengths in a check than here; for
+items as cells, the clearance allows for that.
+"""
 
 LOW, ASIDE = 0.01, 0.001
 """Weights beside the height: of all items' mean height, and of random directions aside, which make
@@ -28,11 +36,25 @@ a solution the only one, so that pairs that are far from a change need no new te
 CUTS = 16
 """Most linear programs for one move."""
 
-AT_ONCE = 200
+AT_ONCE = 25
 """Pairs that are asked about between two looks at the clock."""
 
 SHARES = 0.5, 0.25, 0.1
 """Shares of ways that are tried if they lead into conflicts in spite of all planes."""
+
+
+def compacted(
+    problem: Problem,
+    task: SearchTask,
+    poses: Poses,
+    boxes: Floats,
+    moves: int,
+    budget: SearchBudget | None,
+) -> Poses:
+    """Return the poses of a strip after moves of all its items at once (see `compact`)."""
+    state = loaded(problem, task, poses, boxes)
+    compact(problem, task, state, moves, budget)
+    return Poses.of(state)
 
 
 def compact(
@@ -83,7 +105,7 @@ def _ways(
 ) -> Floats:
     """Return ways (n, 3) of all items that lead to no conflict: of length 0 if it is late."""
     width = max(task.size[:2])
-    margins = STEP * width, MARGIN * width
+    margins = STEP * width, (CELLS_MARGIN if problem.by_cells else MARGIN) * width
     pairs = _near(state, reach, task.count)
     chunks = [slice(n, n + AT_ONCE) for n in range(0, len(pairs), AT_ONCE)]
     planes, gaps = np.zeros((len(pairs), 4)), np.zeros(len(pairs))

@@ -1,7 +1,8 @@
 """Searches on several cores, which exchange their best solutions after each round.
 
 Each worker runs a search of its own, from its own seed. After a round, searches adopt the best
-solution whose packing passed the check; a search whose best did not pass begins again.
+solution whose packing passed the check; a search whose best did not pass begins again. After the
+last round, each search makes its best solution better in ways that no attempt should begin from.
 """
 
 from __future__ import annotations
@@ -205,6 +206,8 @@ def _once(
     """Search in rounds, the first of which only constructs a packing; yield what becomes better."""
     problems.get()
     passes = limits.passes
+    left_over = _left_over(searches, limits.seconds, settings)
+    limits = replace(limits, seconds=limits.seconds - left_over)
     best: Solution | None = None
     stop = limits.stop if isinstance(workers, Threads) else None
     for number in count():
@@ -247,11 +250,41 @@ def _once(
             passes -= share
         is_over = watch.seconds >= limits.seconds if passes is None else passes <= 0
         if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
+            break
+    if best is None or limits.stop.is_set() or not searches[0].finishes:
+        return
+    latest = max(limits.seconds + left_over - watch.seconds, 0.0)
+    own = [(problems, each, latest, limits.passes, stop, limits.clock) for each in searches]
+    finished = workers.map(_finished, own)
+    watch.add(spent for _, spent in finished)
+    for solution in sorted((each for each, _ in finished if each), key=_score):
+        packing = check(solution) if solution.score < best.score else None
+        if packing is not None:
+            yield solution, packing
             return
 
 
 def _score(solution: Solution) -> tuple[float, ...]:
     return solution.score
+
+
+def _left_over(searches: list[NestSearch], seconds: float, settings: SearchSettings) -> float:
+    """Return how many of the seconds are for finishing the best solutions after the last round."""
+    share, most = settings.finishing
+    return min(share * seconds, most) if searches[0].finishes else 0.0
+
+
+def _finished(
+    problems: Problems,
+    search: NestSearch,
+    latest: float,
+    passes: int | None,
+    stop: threading.Event | None,
+    clock: ClockName,
+) -> tuple[Solution | None, float]:
+    start = CLOCKS[clock]()
+    budget = SearchBudget(latest, passes, (1.0, 1.0), stop, clock, latest)
+    return search.finished(problems.get(), budget), CLOCKS[clock]() - start
 
 
 def _advance(

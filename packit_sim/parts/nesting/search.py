@@ -71,7 +71,11 @@ class NestSearch(ABC):
         True if nothing better is possible.
     is_cut : bool
         True if the time was over before the first construction had tried all items.
+    finishes : bool
+        True if `finished` makes solutions better, for which some time is left.
     """
+
+    finishes = False
 
     def __init__(self, task: SearchTask, seed: int, order: Ints | None = None) -> None:
         self.best: Solution | None = None
@@ -123,6 +127,10 @@ class NestSearch(ABC):
         """Take over a solution if it is the best so far."""
         if self.best is None or solution.score < self.best.score:
             self.adopt(problem, solution)
+
+    def finished(self, problem: Problem, budget: SearchBudget) -> Solution | None:
+        """Return the best solution after what pays at the end alone; the search stays as it is."""
+        return self.best
 
     def restart(self) -> None:
         """Begin again with a construction: the best solution turned out not to be valid."""

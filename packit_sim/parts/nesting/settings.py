@@ -60,8 +60,11 @@ class SearchSettings:
         Steps aside that it tries for each straight one.
     settling_sweeps : int
         Most sweeps over all items.
-    compacting_moves : int
-        Most moves of all items at once after they have settled.
+    compacting_moves, finishing_moves : int
+        Most moves of all items of a strip at once: of items as cells after they have settled, and
+        at the end of another search.
+    finishing : tuple of float
+        Time for the latter: a share of the search, and the most seconds.
     construction_samples : int
         Samples for each item of a construction.
     construction_seconds : float
@@ -171,6 +174,8 @@ class SearchSettings:
     settling_tries: int = 4
     settling_sweeps: int = 3
     compacting_moves: int = 3
+    finishing_moves: int = 10
+    finishing: tuple[float, float] = (0.02, 2.0)
     construction_samples: int = 150
     construction_seconds: float = 5.0
     constructed_again: int = 256

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.nesting.compaction import compacted
 from packit_sim.parts.nesting.filling import (
     constructed,
     filled,
@@ -17,7 +18,7 @@ from packit_sim.parts.nesting.filling import (
 from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.separation import Separation
-from packit_sim.parts.nesting.tasks import Poses, SearchTask, Solution
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
 
 class StripSearch(NestSearch):
@@ -28,6 +29,8 @@ class StripSearch(NestSearch):
     failed poses, disrupted by exchanging two large items that differ. Our own are the step sizes,
     which adapt to successes and failures, and the strip's growth when more items join.
     """
+
+    finishes = True
 
     def __init__(self, task: SearchTask, seed: int) -> None:
         super().__init__(task, seed, np.argsort(-task.volumes, kind="stable"))
@@ -49,6 +52,15 @@ class StripSearch(NestSearch):
             self._has_space = True
             if solution.score[0] <= self._target:
                 self._attempt = None
+
+    def finished(self, problem: Problem, budget: SearchBudget) -> Solution | None:
+        """Return the lowest strip after moves of all its items at once."""
+        best = self.best
+        if best is None or self.is_done or not best.poses.inside.all():
+            return best
+        moves = self._task.settings.finishing_moves
+        poses = compacted(problem, self._task, best.poses, best.boxes, moves, budget)
+        return self._solution(problem, poses)
 
     def _constructed(self, problem: Problem) -> Solution:
         self._heights = least_heights(problem, self._task)
