@@ -331,9 +331,9 @@ def test_a_strip_gets_lower_at_the_end_by_moves_of_all_its_items() -> None:
 def test_time_is_left_for_the_end_of_a_strip() -> None:
     task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((1.0, 1.0, math.inf),))
     searches = [strips.StripSearch(task, 0)], [knapsacks.KnapsackSearch(task, 0)]
-    left = [rounds._left_over(each, 60.0, DEFAULT_SETTINGS) for each in searches]
-    assert left == [pytest.approx(1.2), 0]
-    assert rounds._left_over(searches[0], 600.0, DEFAULT_SETTINGS) == 2
+    left = [rounds._left_over(each, 10.0, DEFAULT_SETTINGS) for each in searches]
+    assert left == [pytest.approx(1.0), 0]
+    assert rounds._left_over(searches[0], 60.0, DEFAULT_SETTINGS) == 1.5
 
 
 def test_moves_at_the_end_do_not_count_if_the_strip_is_not_valid_then(

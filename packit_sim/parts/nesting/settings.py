@@ -175,7 +175,7 @@ class SearchSettings:
     settling_sweeps: int = 3
     compacting_moves: int = 3
     finishing_moves: int = 10
-    finishing: tuple[float, float] = (0.02, 2.0)
+    finishing: tuple[float, float] = (0.1, 1.5)
     construction_samples: int = 150
     construction_seconds: float = 5.0
     constructed_again: int = 256
