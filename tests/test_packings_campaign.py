@@ -194,6 +194,18 @@ def test_every_mutant_is_found(name: str, tmp_path: Path) -> None:
     assert any(text in each.text for each in found), found
 
 
+@pytest.mark.parametrize(("y", "is_free"), [(9.0, True), (8.9, False), (4.0, False)])
+def test_a_part_in_a_keep_out_or_too_close_to_it_is_found(
+    y: float, is_free: bool, tmp_path: Path
+) -> None:
+    """The hook ends at 8 mm."""
+    write(tmp_path, right())
+    post = shapes.box((3, 3, 60)).moved(at((47.0, y, -10.0)))
+    found = check(replace(truth(), keep_outs=(post,)), tmp_path)
+    assert all("keep-out" in each.text for each in found)
+    assert bool(found) != is_free
+
+
 def test_a_body_that_only_an_export_has_elsewhere_is_found(tmp_path: Path) -> None:
     write(tmp_path, right())
     shapes_apart = [shape.moved(at((*place[:2], place[2] + 0.01))) for _, shape, place in PLACES]
@@ -285,7 +297,8 @@ def test_the_product_reads_every_mesh_as_it_is(kind: str, tmp_path: Path) -> Non
 def test_a_seed_has_one_case(tmp_path: Path) -> None:
     for seed in range(20):
         one, other = (cases.make(seed, tmp_path / name) for name in "ab")
-        assert one.boxes == other.boxes and one.settings == other.settings
+        assert one.boxes == other.boxes and one.of_bricks == other.of_bricks
+        assert str(one.settings).replace("/a/", "/b/") == str(other.settings)
         assert len(one.truth.parts) == len(other.truth.parts) > 0
         assert one.by_cells == other.by_cells
         for file in (tmp_path / "a" / "inputs").rglob("*.stl"):
@@ -300,6 +313,7 @@ def test_counts_are_those_of_the_trials() -> None:
         told = [{"text": "", "kinds": list(k), "is_unread": unread} for k, unread in problems]
         parts = {kind: 2, "OFF": 1}
         own = {"seconds": 1.0, "list": "", "parts": parts, "packed": 3, "problems": told}
+        own |= {"of bricks": False, "around a keep-out": kind == "GLB"}
         return own | {"by cells": kind == "STEP", "separable": False}
 
     found = totals(
@@ -316,7 +330,8 @@ def test_counts_are_those_of_the_trials() -> None:
     assert rows["STEP"] == {"packings": 2, "wrong": 1, "unread": 1, "parts": 4}
     assert rows["all"] == {"packings": 4, "wrong": 2, "unread": 1, "parts": 12}
     assert rows["search: by cells"] == {"packings": 2, "wrong": 1, "unread": 1, "parts": 6}
-    assert rows["search: separable"]["packings"] == 0
+    assert rows["search: around a keep-out"]["packings"] == 2
+    assert rows["search: of bricks"]["packings"] == rows["search: separable"]["packings"] == 0
     assert found["items"] == 12 and list(found["problems"]) == ["1", "2", "3"]
 
 

@@ -10,15 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from campaigns.packings import lists
+from campaigns.packings import lists, shapes
+from campaigns.packings.mesh_writers import WRITERS
 from campaigns.packings.part_files import KINDS, PartFiles
 from campaigns.packings.random_parts import Random
+from campaigns.packings.shapes import Floats, Shape
 from campaigns.packings.truth import MILLIMETRES, TrueBox, TruePart, Truth
 
 ROTATIONS = ("cube", "cube", "fixed", "upright", "yaw-8", "axis-4", "free")
 
 MOST = 14
 """Most items of a case; counts are lowered until there are not more."""
+
+BRICKS, FEWEST_BRICKS, MOST_BRICKS = 0.1, 8, 40
+"""Share of the cases whose parts are copies of one block, and their number."""
+
+KEEP_OUTS = 0.15, 0.7
+"""Share of the cases in which a volume of the box stays free, and of those with bricks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +41,8 @@ class Case:
         The arguments of `PackSettings` and `ReadSettings`.
     by_cells : bool
         Whether the search has cells instead of fields, as it has for many different parts.
+    of_bricks : bool
+        Whether its parts are copies of one block.
     """
 
     truth: Truth
@@ -42,11 +52,15 @@ class Case:
     settings: dict[str, Any]
     reading: dict[str, Any]
     by_cells: bool
+    of_bricks: bool
 
 
 def make(seed: int, folder: Path) -> Case:
     """Draw a case, and write its files into a folder."""
     rng = np.random.default_rng(seed)
+    later = np.random.default_rng((seed, 1))  # for what was added later: other draws stay as before
+    of_bricks = bool(later.random() < BRICKS)
+    most = MOST_BRICKS if of_bricks else MOST
     inputs = folder / "inputs"
     (inputs / "parts").mkdir(parents=True, exist_ok=True)
     list_kind = str(rng.choice(list(lists.WRITERS))) if rng.random() < 0.5 else ""
@@ -59,9 +73,13 @@ def make(seed: int, folder: Path) -> Case:
         rotations=str(rng.choice(ROTATIONS)),
     )
     rows = []
-    for number in range(int(rng.integers(1, 7))):
-        kind = str(rng.choice(KINDS))
+    for number in range(1 if of_bricks else int(rng.integers(1, 7))):
+        kind = str(rng.choice(list(WRITERS) if of_bricks else KINDS))
         row: dict[str, Any] = {"count": int(rng.integers(1, 6))}
+        block = None
+        if of_bricks:
+            row["count"] = int(later.integers(FEWEST_BRICKS, MOST_BRICKS + 1))
+            block = shapes.box(tuple(later.uniform(6, 25, 3)))
         if list_kind:
             row["rotations"] = str(rng.choice(ROTATIONS))
             row["density"] = round(float(rng.uniform(0.5, 8)), 2)
@@ -69,17 +87,17 @@ def make(seed: int, folder: Path) -> Case:
                 row["unit"] = str(rng.choice(["mm", "cm", "in"]))
         before = len(builder.parts)
         total = sum(part.count for part in builder.parts)
-        path = builder.add(number, kind, row)
+        path = builder.add(number, kind, row, block)
         added = builder.parts[before:]
-        if total + sum(part.count for part in added) > MOST:
+        if total + sum(part.count for part in added) > most:
             once = sum(len(part.user_from_shape) for part in added)
-            fewer = max(1, (MOST - total) // once)
+            fewer = max(1, (most - total) // once)
             builder.parts[before:] = [
                 replace(part, count=fewer * len(part.user_from_shape)) for part in added
             ]
             row["count"] = fewer
         rows.append({"file": f"parts/{path.name}", **row})
-        if total + items_of(builder.parts[before:]) >= MOST:
+        if total + items_of(builder.parts[before:]) >= most:
             break
     unread = []
     if rng.random() < 0.15:
@@ -97,7 +115,7 @@ def make(seed: int, folder: Path) -> Case:
         suffix, write = lists.WRITERS[list_kind]
         write(inputs / f"list{suffix}", rows)
         sources = [str(inputs / f"list{suffix}")]
-    return _asked(rng, builder, sources, list_kind, unread)
+    return _asked(rng, later, builder, sources, list_kind, unread, of_bricks)
 
 
 def items_of(parts: Sequence[TruePart]) -> int:
@@ -106,7 +124,13 @@ def items_of(parts: Sequence[TruePart]) -> int:
 
 
 def _asked(
-    rng: Random, builder: PartFiles, sources: list[str], list_kind: str, unread: list[str]
+    rng: Random,
+    later: Random,
+    builder: PartFiles,
+    sources: list[str],
+    list_kind: str,
+    unread: list[str],
+    of_bricks: bool,
 ) -> Case:
     """Draw boxes and settings that the parts can be packed with."""
     unit = str(rng.choice(["mm", "mm", "mm", "cm", "in"]))
@@ -147,6 +171,10 @@ def _asked(
         "separable": bool(rng.random() < 0.1),
     }
     by_cells = bool(rng.random() < 0.3)
+    keep_outs: tuple[Shape, ...] = ()
+    if later.random() < KEEP_OUTS[of_bricks]:
+        keep_outs = (_keep_out(later, true[0].size),)
+        settings["keep_out"] = [str(builder.add_keep_out(each)) for each in keep_outs]
     truth = Truth(
         tuple(builder.parts),
         tuple(true),
@@ -156,7 +184,18 @@ def _asked(
         insertable,
         tuple(unread),
         list_kind,
+        keep_outs,
     )
     reading = {"unit": builder.unit, "up": builder.up, "split": builder.split}
     reading |= {"rotations": builder.rotations}
-    return Case(truth, sources, boxes, objective, settings, reading, by_cells)
+    return Case(truth, sources, boxes, objective, settings, reading, by_cells, of_bricks)
+
+
+def _keep_out(rng: Random, size: Floats) -> Shape:
+    """Draw a prism in a box of this size in millimetres, which may reach through its walls."""
+    x, y, z = size * rng.uniform(0.1, 0.35, 3)
+    sides = int(rng.integers(3, 8))
+    prism = shapes.extruded(shapes.polygon(sides, x / 2, y / 2, rng.uniform(0, 1)), z)
+    place = np.eye(4)
+    place[:3, 3] = size * rng.uniform(0, 1, 3)
+    return prism.moved(place)

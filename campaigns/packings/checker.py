@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from campaigns.packings import solids
 from campaigns.packings.items import VISIBLE, Item, identified
+from campaigns.packings.mesh_writers import SINGLE
 from campaigns.packings.results_files import read_3mf, read_stl
 from campaigns.packings.shapes import Floats
 from campaigns.packings.truth import MILLIMETRES, Problem, TruePart, Truth
@@ -83,10 +84,17 @@ def solids_problems(truth: Truth, items: Sequence[Item], size: Floats) -> Iterat
     """Yield what is wrong with the places of the items in a box of this size in millimetres."""
     rules = solids.Rules(truth.clearance, truth.wall_clearance, tuple(size))
     bodies = [item.solid for item in items]
+    kept_free = [
+        solids.Solid(each.vertices, each.triangles, SINGLE * float(np.abs(each.vertices).max()))
+        for each in truth.keep_outs
+    ]
     for item, body in zip(items, bodies, strict=True):
         depth = rules.depth_in_walls(body)
         if depth > 0:
             yield Problem(f"{item.part.file} is {depth:.4g} mm in the walls", (item.part.kind,))
+        for free in kept_free:
+            for text in rules.between(free, body):
+                yield Problem(f"{item.part.file} and a keep-out {text}", (item.part.kind,))
     for i, one in enumerate(bodies):
         for j in range(i):
             kinds = tuple(dict.fromkeys((items[j].part.kind, items[i].part.kind)))
@@ -169,7 +177,7 @@ def volume_error(part: TruePart) -> float:
 
 def _summary(record: dict[str, Any], items: Sequence[Item], unit: float) -> Iterator[Problem]:
     """Check the numbers of the summary, if all items are identified."""
-    if len(items) != len(record["items"]):
+    if len(items) != len(record["items"]) or not items:
         return
     error = max((volume_error(item.part) for item in items), default=0.0)
     volume = sum(item.part.shape.volume for item in items) / unit**3

@@ -54,11 +54,11 @@ class PartFiles:
     rotations: str
     parts: list[TruePart] = field(default_factory=list)
 
-    def add(self, number: int, kind: str, row: dict[str, Any]) -> Path:
-        """Write a file, and add its parts."""
+    def add(self, number: int, kind: str, row: dict[str, Any], shape: Shape | None = None) -> Path:
+        """Write a file, and add its parts; that of a mesh may have a given shape."""
         stem = f"p{number}-{self.rng.choice(['part', 'größe', 'a b'])}"
         if kind in mesh_writers.WRITERS:
-            return self._mesh(stem, kind, row)
+            return self._mesh(stem, kind, row, shape or random_shape(self.rng, flawed=True))
         if kind == "STEP":
             return self._step(stem, row)
         return self._scene(stem, kind, row)
@@ -79,9 +79,15 @@ class PartFiles:
             rounding=0.0,
         )
 
-    def _mesh(self, stem: str, kind: str, row: dict[str, Any]) -> Path:
+    def add_keep_out(self, shape: Shape) -> Path:
+        """Write the file of a volume of the box that stays free."""
+        path = self.folder / "keep-out.stl"
+        vertices = shape.vertices @ UP[self.up or "z"] / MILLIMETRES[self.unit]
+        mesh_writers.binary_stl(path, replace(shape, vertices=vertices))
+        return path
+
+    def _mesh(self, stem: str, kind: str, row: dict[str, Any], shape: Shape) -> Path:
         suffix, write = mesh_writers.WRITERS[kind]
-        shape = random_shape(self.rng, flawed=True)
         place = motion(self.rng, far=True)
         up, unit = UP[self.up or "z"], MILLIMETRES[row.get("unit", self.unit)]
         moved = shape.moved(place)

@@ -25,7 +25,7 @@ def totals(trials: Mapping[str, Trial]) -> dict[str, Any]:
     }
     for kind, own in groups.items():
         rows[kind] = _row(own, kind) | {"parts": sum(one["parts"].get(kind, 0) for one in own)}
-    for name in ("by cells", "separable"):
+    for name in ("by cells", "of bricks", "around a keep-out", "separable"):
         own = [one for one in trials.values() if one[name]]
         rows[f"search: {name}"] = _row(own, "") | {"parts": _parts(own)}
     every = list(trials.values())

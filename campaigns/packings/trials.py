@@ -95,6 +95,8 @@ def _trial(case: Case, seconds: float, count: int, problems: list[Problem]) -> d
         "seconds": round(seconds, 1),
         "list": case.truth.list_kind,
         "by cells": case.by_cells,
+        "of bricks": case.of_bricks,
+        "around a keep-out": bool(case.truth.keep_outs),
         "separable": case.settings["separable"],
         "parts": dict(Counter(part.kind for part in case.truth.parts)),
         "packed": count,

@@ -79,6 +79,8 @@ class Truth:
         Texts of which each must be among the files that are not read.
     list_kind : str
         The format of the list of parts, or "" without one.
+    keep_outs : tuple of Shape
+        What stays free in every box.
     """
 
     parts: tuple[TruePart, ...]
@@ -89,6 +91,7 @@ class Truth:
     insertable: bool
     unread: tuple[str, ...]
     list_kind: str
+    keep_outs: tuple[Shape, ...] = ()
 
 
 @dataclass(frozen=True)
