@@ -94,11 +94,6 @@ def all_at_once() -> SearchSettings:
     return SearchSettings(first_items=sys.maxsize)
 
 
-def no_finishing() -> SearchSettings:
-    """Let the items of the lowest strip stay where an attempt left them."""
-    return SearchSettings(finishing_moves=0, finishing=(0.0, 0.0))
-
-
 WHOLE = "as it is"
 
 VARIANTS: dict[str, Callable[[], SearchSettings]] = {
@@ -107,7 +102,6 @@ VARIANTS: dict[str, Callable[[], SearchSettings]] = {
     "overlap without sizes": no_sizes,
     "no construction": no_construction,
     "all items at once": all_at_once,
-    "no moves of all items at the end": no_finishing,
 }
 """The settings of each variant; some also replace functions."""
 
