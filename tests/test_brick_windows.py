@@ -161,7 +161,24 @@ def test_bricks_lean_where_that_gives_space_to_one_more() -> None:
 def test_bricks_keep_their_distances() -> None:
     far = [(1.1 * x + 0.1, 1.1 * y + 0.1, 0.5, angle) for x, y, _, angle in THREE]
     given = bricks(3, 2, 1, count=4), (5.6, 5.6, 1.0), far
-    assert counts(searched(*given, clearance=0.2)) == [3, 4]
+    found = searched(*given, clearance=0.2)
+    assert counts(found) == [3, 4]
+    assert least_distance(found[-1]) >= 0.2 - 1e-6
+
+
+def test_bricks_that_have_little_space_keep_all_of_the_clearance() -> None:
+    three = [(1.5, 1, 0.5, 0), (1.5, 3.2, 0.5, 0), (4.2, 1.5, 0.5, 90)]
+    found = searched(bricks(3, 2, 1, count=4), (5.2, 5.2, 1.0), three, clearance=0.2)
+    assert counts(found) == [3, 4]
+    assert least_distance(found[-1]) >= 0.2 - 1e-6
+
+
+def least_distance(packing: Packing) -> float:
+    manager = trimesh.collision.CollisionManager()
+    for number, one in enumerate(packing.placements):
+        mesh = trimesh.Trimesh(packing.vertices(one), packing.types[0].faces)
+        manager.add_object(str(number), mesh)
+    return float(manager.min_distance_internal())
 
 
 def test_the_same_seed_finds_the_same_bricks() -> None:

@@ -52,8 +52,9 @@ UNTURNED = 30
 TURNING = 0.25
 """Share of the windows in which they do then."""
 
-SHRINKAGE = 0.02
-"""By which share of the tolerance half sides are smaller, so that bricks that touch are apart."""
+SHRINKAGE, ROUNDING = 0.02, 1e-4
+"""By which shares of the tolerance half sides are smaller, so that bricks that touch are apart: the
+second one where they keep a clearance, of which a check allows for rounding alone."""
 
 AT_ONCE = 3
 """Windows of each worker in a round, so that none waits long for the others."""
@@ -268,8 +269,9 @@ class BrickWindows:
         self._clear = voxel * distance_transform_edt(np.pad(~space.blocked, 1))[1:-1, 1:-1, 1:-1]
         self._walls = np.concatenate(walls)
         self._wall_bounds = self._walls.min(axis=1), self._walls.max(axis=1)
-        half = brick.half - SHRINKAGE * self._task.tolerance
-        self._halves = np.array((half + self._gap / 2, half, half + self._gap))
+        gap, tolerance = self._gap, self._task.tolerance
+        half = brick.half - (ROUNDING if gap else SHRINKAGE) * tolerance
+        self._halves = np.array((half + gap / 2, brick.half - SHRINKAGE * tolerance, half + gap))
         self._reach = 2 * float(np.linalg.norm(self._halves[2]))
 
     def _bricks_of(self, brick: Brick, packing: Packing) -> _Bricks:
