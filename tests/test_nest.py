@@ -328,6 +328,19 @@ def test_a_strip_gets_lower_at_the_end_by_moves_of_all_its_items() -> None:
     assert height(10) < height(1)
 
 
+def test_an_interruption_at_the_end_of_a_strip_stops_all_and_keeps_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(strips.StripSearch, "finished", interrupted)
+    stop = threading.Event()
+    packing = nest(mixed("cube"), (3.1, 2.9, OPEN), settings=replace(quick(20), stop=stop))
+    check(packing)
+    assert stop.is_set()
+
+
 def test_time_is_left_for_the_end_of_a_strip() -> None:
     task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((1.0, 1.0, math.inf),))
     searches = [strips.StripSearch(task, 0)], [knapsacks.KnapsackSearch(task, 0)]

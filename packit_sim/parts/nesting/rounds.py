@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
+from typing import Any, TypeVar
 
 from packit_sim.core.debugging import is_checking
 from packit_sim.core.memory import release_memory
@@ -29,6 +30,8 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 
 _log = plain_logger("packit_sim.parts.nesting")
+
+_Result = TypeVar("_Result")
 
 
 class Problems:
@@ -222,13 +225,10 @@ def _once(
         else:
             before = 1 - passes / limits.passes
             shares = before, before + (share or 0) / limits.passes
-        try:
-            latest = max(limits.seconds - now, 0.0 if number else settings.construction_seconds)
-            budget = seconds, share, shares, stop, limits.clock, latest
-            ends = workers.map(_advance, [(problems, each, *budget) for each in searches])
-        except KeyboardInterrupt:
-            limits.stop.set()
-            raise
+        latest = max(limits.seconds - now, 0.0 if number else settings.construction_seconds)
+        budget = seconds, share, shares, stop, limits.clock, latest
+        own = [(problems, each, *budget) for each in searches]
+        ends = _run(workers, _advance, own, limits)
         searches[:] = [search for search, _ in ends]
         if not (number or limits.stop.is_set()) and any(each.is_cut for each in searches):
             _log.warning("the time was over before all items were tried: allow more time")
@@ -254,14 +254,28 @@ def _once(
     if best is None or limits.stop.is_set() or not searches[0].finishes:
         return
     latest = max(limits.seconds + left_over - watch.seconds, 0.0)
-    own = [(problems, each, latest, limits.passes, stop, limits.clock) for each in searches]
-    finished = workers.map(_finished, own)
+    last = [(problems, each, latest, limits.passes, stop, limits.clock) for each in searches]
+    finished = _run(workers, _finished, last, limits)
     watch.add(spent for _, spent in finished)
     for solution in sorted((each for each, _ in finished if each), key=_score):
         packing = check(solution) if solution.score < best.score else None
         if packing is not None:
             yield solution, packing
             return
+
+
+def _run(
+    workers: Workers | Threads,
+    function: Callable[..., _Result],
+    arguments: Sequence[tuple[Any, ...]],
+    limits: Limits,
+) -> list[_Result]:
+    """Run a function for all arguments; Ctrl-C stops the threads that do."""
+    try:
+        return workers.map(function, arguments)
+    except KeyboardInterrupt:
+        limits.stop.set()
+        raise
 
 
 def _score(solution: Solution) -> tuple[float, ...]:
