@@ -201,7 +201,7 @@ def test_a_part_in_a_keep_out_or_too_close_to_it_is_found(
     """The hook ends at 8 mm."""
     write(tmp_path, right())
     post = shapes.box((3, 3, 60)).moved(at((47.0, y, -10.0)))
-    found = check(replace(truth(), keep_outs=(post,)), tmp_path)
+    found = check(replace(truth(), keep_out=post), tmp_path)
     assert all("keep-out" in each.text for each in found)
     assert bool(found) != is_free
 

@@ -171,10 +171,10 @@ def _asked(
         "separable": bool(rng.random() < 0.1),
     }
     by_cells = bool(rng.random() < 0.3)
-    keep_outs: tuple[Shape, ...] = ()
+    keep_out = None
     if later.random() < KEEP_OUTS[of_bricks]:
-        keep_outs = (_keep_out(later, true[0].size),)
-        settings["keep_out"] = [str(builder.add_keep_out(each)) for each in keep_outs]
+        keep_out = _keep_out(later, true[0].size)
+        settings["keep_out"] = [str(builder.add_keep_out(keep_out))]
     truth = Truth(
         tuple(builder.parts),
         tuple(true),
@@ -184,7 +184,7 @@ def _asked(
         insertable,
         tuple(unread),
         list_kind,
-        keep_outs,
+        keep_out,
     )
     reading = {"unit": builder.unit, "up": builder.up, "split": builder.split}
     reading |= {"rotations": builder.rotations}

@@ -18,7 +18,7 @@ from campaigns.packings import solids
 from campaigns.packings.items import VISIBLE, Item, identified
 from campaigns.packings.mesh_writers import SINGLE
 from campaigns.packings.results_files import read_3mf, read_stl
-from campaigns.packings.shapes import Floats
+from campaigns.packings.shapes import Floats, Shape
 from campaigns.packings.truth import MILLIMETRES, Problem, TruePart, Truth
 
 
@@ -84,17 +84,13 @@ def solids_problems(truth: Truth, items: Sequence[Item], size: Floats) -> Iterat
     """Yield what is wrong with the places of the items in a box of this size in millimetres."""
     rules = solids.Rules(truth.clearance, truth.wall_clearance, tuple(size))
     bodies = [item.solid for item in items]
-    kept_free = [
-        solids.Solid(each.vertices, each.triangles, SINGLE * float(np.abs(each.vertices).max()))
-        for each in truth.keep_outs
-    ]
+    free = truth.keep_out and _as_read(truth.keep_out)
     for item, body in zip(items, bodies, strict=True):
         depth = rules.depth_in_walls(body)
         if depth > 0:
             yield Problem(f"{item.part.file} is {depth:.4g} mm in the walls", (item.part.kind,))
-        for free in kept_free:
-            for text in rules.between(free, body):
-                yield Problem(f"{item.part.file} and a keep-out {text}", (item.part.kind,))
+        for text in rules.between(free, body) if free else ():
+            yield Problem(f"{item.part.file} and the keep-out {text}", (item.part.kind,))
     for i, one in enumerate(bodies):
         for j in range(i):
             kinds = tuple(dict.fromkeys((items[j].part.kind, items[i].part.kind)))
@@ -105,6 +101,12 @@ def solids_problems(truth: Truth, items: Sequence[Item], size: Floats) -> Iterat
                     f"{items[i].part.file} can't be put in straight down after {items[j].part.file}"
                 )
                 yield Problem(text, kinds)
+
+
+def _as_read(keep_out: Shape) -> solids.Solid:
+    """Return a keep-out, with the rounding of its file."""
+    rounding = SINGLE * float(np.abs(keep_out.vertices).max())
+    return solids.Solid(keep_out.vertices, keep_out.triangles, rounding)
 
 
 def _stl(bodies: Sequence[solids.Solid], path: Path, count: int) -> Iterator[Problem]:

@@ -77,7 +77,7 @@ def tried(seed: int, work: Path) -> dict[str, Any]:
         count = len(json.loads((folder / "out" / "packing.json").read_text())["items"])
     except PackItError as error:
         text = f"{type(error).__name__}: {error}".replace(str(folder), "")
-        has_no_space = bool(case.truth.keep_outs) and "nothing is packed" in text
+        has_no_space = case.truth.keep_out is not None and "nothing is packed" in text
         problems = [] if has_no_space else [Problem(text)]
     except Exception:
         problems = [Problem(traceback.format_exc().replace(str(folder), "")[-600:])]
@@ -97,7 +97,7 @@ def _trial(case: Case, seconds: float, count: int, problems: list[Problem]) -> d
         "list": case.truth.list_kind,
         "by cells": case.by_cells,
         "of bricks": case.of_bricks,
-        "around a keep-out": bool(case.truth.keep_outs),
+        "around a keep-out": case.truth.keep_out is not None,
         "separable": case.settings["separable"],
         "parts": dict(Counter(part.kind for part in case.truth.parts)),
         "packed": count,

@@ -79,7 +79,7 @@ class Truth:
         Texts of which each must be among the files that are not read.
     list_kind : str
         The format of the list of parts, or "" without one.
-    keep_outs : tuple of Shape
+    keep_out : Shape, optional
         What stays free in every box.
     """
 
@@ -91,7 +91,7 @@ class Truth:
     insertable: bool
     unread: tuple[str, ...]
     list_kind: str
-    keep_outs: tuple[Shape, ...] = ()
+    keep_out: Shape | None = None
 
 
 @dataclass(frozen=True)
