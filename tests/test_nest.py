@@ -34,6 +34,7 @@ from packit_sim import (
 from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
+from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.nesting import knapsacks, rounds, strips
 from packit_sim.parts.nesting import nest as nest_module
 from packit_sim.parts.nesting.nest import NestingError
@@ -326,6 +327,23 @@ def test_a_strip_gets_lower_at_the_end_by_moves_of_all_its_items() -> None:
     before = height(0)
     assert height(1) < before - 1e-4
     assert height(10) < height(1)
+
+
+@pytest.mark.parametrize(("passes", "moves"), [(1, 1), (20, 2), (60, 6), (100, 10), (200, 10)])
+def test_a_limit_of_passes_limits_the_moves_at_the_end_of_a_strip_too(
+    passes: int, moves: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def noted(
+        problem: Problem, task: SearchTask, poses: Poses, boxes: Floats, moves: int, *_: object
+    ) -> Poses:
+        asked.append(moves)
+        return poses
+
+    monkeypatch.setattr(strips, "compacted", noted)
+    check(nest(mixed("cube"), (3.1, 2.9, OPEN), settings=quick(passes)))
+    assert asked == [moves]
 
 
 def test_an_interruption_at_the_end_of_a_strip_stops_all_and_keeps_it(

@@ -8,6 +8,7 @@ last round, each search makes its best solution better in ways that no attempt s
 from __future__ import annotations
 
 import hashlib
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -254,7 +255,9 @@ def _once(
     if best is None or limits.stop.is_set() or not searches[0].finishes:
         return
     latest = max(limits.seconds + left_over - watch.seconds, 0.0)
-    last = [(problems, each, latest, limits.passes, stop, limits.clock) for each in searches]
+    if limits.passes is not None:
+        passes = math.ceil(settings.finishing[0] * limits.passes)
+    last = [(problems, each, latest, passes, stop, limits.clock) for each in searches]
     finished = _run(workers, _finished, last, limits)
     watch.add(spent for _, spent in finished)
     for solution in sorted((each for each, _ in finished if each), key=_score):

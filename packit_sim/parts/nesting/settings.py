@@ -64,7 +64,7 @@ class SearchSettings:
         Most moves of all items of a strip at once: of items as cells after they have settled, and
         at the end of another search.
     finishing : tuple of float
-        Time for the latter: a share of the search, and the most seconds.
+        Time for the latter: a share of the search or of its passes, and the most seconds.
     construction_samples : int
         Samples for each item of a construction.
     construction_seconds : float

@@ -54,11 +54,11 @@ class StripSearch(NestSearch):
                 self._attempt = None
 
     def finished(self, problem: Problem, budget: SearchBudget) -> Solution | None:
-        """Return the lowest strip after moves of all its items at once."""
+        """Return the lowest strip after moves of all its items at once; each takes a pass."""
         best = self.best
         if best is None or self.is_done or not best.poses.inside.all():
             return best
-        moves = self._task.settings.finishing_moves
+        moves = budget.take(self._task.settings.finishing_moves)
         poses = compacted(problem, self._task, best.poses, best.boxes, moves, budget)
         return self._solution(problem, poses)
 
