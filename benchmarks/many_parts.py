@@ -335,7 +335,7 @@ def main() -> None:
     parser = argument_parser(__doc__)
     parser.add_argument("--parts", nargs="+", type=int, choices=SECONDS, default=[])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
-    parser.add_argument("--clearance", action="store_true", help="of 1% of the base's side")
+    parser.add_argument("--clearance", action="store_true", help="of 1%% of the base's side")
     parser.add_argument("--cluster", action="store_true", help="compare threads with a cluster")
     parser.add_argument("--ablations", action="store_true", help="search without parts of it")
     parser.add_argument("--profile", action="store_true", help="measure the steps of a search")

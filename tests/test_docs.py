@@ -5,9 +5,11 @@ It also quotes the results of the last full `packit reproduce all`.
 
 import json
 import re
+import runpy
 import shlex
 import sys
 import tomllib
+from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from importlib.util import find_spec
@@ -249,6 +251,27 @@ def parse(words: Sequence[str]) -> None:
             Agent.from_name(agent)
 
 
+class Parsed(Exception):
+    """A command line has been parsed, and its command would run now."""
+
+
+def parse_of_module(module: str, words: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parse a command of a benchmark or a campaign without running it, and format its help."""
+    parse_args = ArgumentParser.parse_args
+
+    def parsed(parser: ArgumentParser, *given: Any) -> None:
+        assert "--help" in parser.format_help()
+        parse_args(parser, *given)
+        raise Parsed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ArgumentParser, "parse_args", parsed)
+        patch.setattr(sys, "argv", [module, *words])
+        patch.delitem(sys.modules, module, raising=False)
+        with pytest.raises(Parsed):
+            runpy.run_module(module, run_name="__main__")
+
+
 @pytest.mark.parametrize("page", pages_with("console"))
 def test_the_commands_of_a_page_are_valid(page, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -275,6 +298,8 @@ def test_the_commands_of_a_page_are_valid(page, tmp_path, monkeypatch) -> None:
                     assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), line
             elif program == "python" and words[:1] == ["-m"] and words[1] != "venv":
                 assert find_spec(words[1]), line
+                if words[1].startswith(("benchmarks.", "campaigns.")):
+                    parse_of_module(words[1], words[2:], monkeypatch)
             for chosen in re.findall(r"packit-sim\[([\w,]+)\]", line):
                 assert set(chosen.split(",")) <= set(extras), line
 
