@@ -9,6 +9,7 @@ import pytest
 from trimesh import creation
 
 from packit_sim import ItemType, NestSettings, nest
+from packit_sim.parts.nesting import separation
 from packit_sim.parts.nesting.build import build
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.filling import loaded
@@ -16,7 +17,7 @@ from packit_sim.parts.nesting.problem import boxes_of
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.nesting.strips import StripSearch
-from packit_sim.parts.nesting.tasks import Poses, SearchTask
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
 
 
 @pytest.mark.parametrize(("more", "overlaps"), [(0.0, False), (1e-12, False), (1e-6, True)])
@@ -32,6 +33,23 @@ def test_what_rounding_leaves_of_a_margin_is_no_overlap(more, overlaps) -> None:
     state.margins[:] = more - state.overlaps[0, 1]
     load(problem, state, poses.turned, poses.places, boxes, False)
     assert (state.overlaps[0, 1] > 0) == overlaps
+
+
+@pytest.mark.parametrize(("conflicts", "is_apart"), [(0, True), (19, True), (20, False)])
+def test_an_attempt_gives_up_after_as_many_conflicts_without_an_overlap_as_its_patience(
+    conflicts: int, is_apart: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The surfaces find one after the other, and what moves apart by distances has a gain."""
+    cube = creation.box((1, 1, 1))
+    problem = build([ItemType("cube", cube.vertices, cube.faces)], 4.0, 0.0)
+    task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((4.0, 4.0, 4.0),))
+    poses = Poses(np.ones(1, np.int64), np.zeros(1, np.int64), np.ones((1, 3)))
+    left = iter([1] * conflicts)
+    monkeypatch.setattr(separation, "load", lambda *_: next(left, 0))
+    monkeypatch.setattr(separation, "separate", lambda *_: 0.0)
+    attempt = Separation(task, poses, boxes_of(task.sizes), patience=20)
+    budget = SearchBudget(1.0, 10_000, (0.0, 1.0), None, "wall", 1.0)
+    assert attempt.advance(problem, np.zeros(1, np.uint64), budget, True) == is_apart
 
 
 def test_a_failed_attempt_is_disrupted_by_exchanging_two_items_that_differ(monkeypatch) -> None:

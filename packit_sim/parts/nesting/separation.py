@@ -37,7 +37,8 @@ class Separation:
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
     patience : int
-        Passes without a gain after which it gives up.
+        Passes without a gain after which it gives up, and conflicts that the surfaces find without
+        an overlap by stored distances.
     later : sequence of ndarray of int64
         Sets of items that are left out at first; each joins when the items before it are apart.
 
@@ -63,6 +64,7 @@ class Separation:
         self._task = task
         self._patience = patience
         self._idle = 0
+        self._refusals = 0
         self._overlap = math.inf
         self._is_precise = False
         self._state: State | None = None
@@ -90,7 +92,7 @@ class Separation:
         if self._state is None:
             self._state = loaded(problem, self._task, self.least, self.boxes)
         found = self._task.state()
-        while self._idle < self._patience:
+        while max(self._idle, self._refusals) < self._patience:
             if self._overlap == 0:
                 # Stored distances see no overlap, but only the surfaces can accept the poses: a
                 # conflict that they find gets a margin, so that the pair overlaps from now on.
@@ -100,7 +102,9 @@ class Separation:
                         return True
                     self.least = least.changed(self._later.pop(0), 1)
                     self._state = loaded(problem, self._task, self.least, self.boxes)
-                    self._idle = 0
+                    self._idle = self._refusals = 0
+                else:
+                    self._refusals += 1
                 self._overlap = math.inf
             if budget.is_spent:
                 return None
@@ -111,8 +115,9 @@ class Separation:
             )
             if check is not None:
                 check(problem, self._state, self.boxes)
-            # The first overlap after a change of the measure (infinite before) is no gain.
-            is_gain = overlap < settings.gain * self._overlap < math.inf
+            # The first overlap after a change of the measure (infinite before) is no gain, unless
+            # nothing overlaps any more.
+            is_gain = overlap == 0 or overlap < settings.gain * self._overlap < math.inf
             self._idle = 0 if is_gain else self._idle + passes
             if overlap < self._overlap:
                 self._overlap = overlap
