@@ -17,6 +17,7 @@ from trimesh import creation
 
 from packit_sim.cli import terminal
 from packit_sim.cli.app import COMMANDS, app
+from packit_sim.cli.options import packing_file
 from packit_sim.core.errors import PhysicsError
 from packit_sim.core.version import DOCUMENTATION, __version__
 from packit_sim.game.datasets.builtin import BUILTIN_DATASETS, builtin_datasets
@@ -438,3 +439,13 @@ def test_a_missing_package_names_its_extra_before_any_work(
     assert failed.stderr.count("\n") == 1
     assert f"pip install 'packit-sim[{extra}]'" in failed.stderr
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_folder_is_a_packing_if_it_has_one_and_no_packs(tmp_path) -> None:
+    assert packing_file(str(tmp_path)) is None
+    (tmp_path / "packing.json").touch()
+    assert packing_file(str(tmp_path)) == str(tmp_path / "packing.json")
+    (tmp_path / "results.jsonl").touch()
+    assert packing_file(str(tmp_path)) is None
+    assert packing_file("absent.json") == "absent.json"
+    assert packing_file("starter") is None

@@ -16,6 +16,7 @@ from packit_sim.cli.options import (
     SplitOption,
     WorkersOption,
     checked_dataset,
+    packing_file,
 )
 from packit_sim.cli.stopping import RESUMABLE, stoppable
 from packit_sim.core.errors import ArgumentError
@@ -49,7 +50,7 @@ def execute_command(
             metavar="DATASET",
             autocompletion=completion.datasets,
             help="Dataset or results: a name (see `packit datasets list`), a folder or a file; or "
-            "a packing: a .json file.",
+            "a packing: a .json file, or the folder of `packit pack`.",
         ),
     ] = STARTER_PACKS,
     split: SplitOption = None,
@@ -138,7 +139,7 @@ def execute_command(
 
     Example: packit execute everyday-v1 --split test --tasks 10 --out executed.jsonl
 
-    Example: packit execute packed/packing.json
+    Example: packit execute packed
     """
     cell = robot.RobotCell(
         arm=arm,
@@ -153,7 +154,8 @@ def execute_command(
     if film is not None:
         video.require(film)
         output.prepare_folder(film, dataset)
-    is_packing = dataset.endswith(".json")
+    packing = packing_file(dataset)
+    is_packing = packing is not None
     if moves > 1 and not (is_packing or stored or reachable is False):
         raise ArgumentError(
             f"--moves {moves} has no effect on masks of ways straight from above: add --all-masks"
@@ -176,8 +178,8 @@ def execute_command(
             def note(_: tuple[ExecutedItem, ...]) -> None:
                 progress.advance(bar)
 
-            if is_packing:
-                plans = execution.execute_packing(dataset, cell, note)
+            if packing is not None:
+                plans = execution.execute_packing(packing, cell, note)
             else:
                 checked_dataset(dataset)
                 opened = inputs.open_library(library, dataset, split)

@@ -16,6 +16,7 @@ from packit_sim.physics.convex.settings import Method
 
 with lazy_imports():
     from packit_sim.libraries import mesh_files
+    from packit_sim.parts.results import record
 
 
 def checked_dataset(name: str | None) -> str | None:
@@ -34,6 +35,15 @@ def checked_dataset(name: str | None) -> str | None:
             f"{name} is not a dataset: choose a .jsonl file, or a folder of such{more}"
         )
     return name
+
+
+def packing_file(name: str) -> str | None:
+    """Return the file of a packing, also if its folder is named; None for what has packs."""
+    folder = Path(name)
+    if folder.is_dir() and not any(folder.glob("*.jsonl")):
+        file = folder / record.RECORD
+        return str(file) if file.is_file() else None
+    return name if name.endswith(".json") else None
 
 
 LibraryOption = Annotated[

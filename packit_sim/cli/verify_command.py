@@ -8,7 +8,7 @@ import typer
 
 import packit_sim
 from packit_sim.cli import completion
-from packit_sim.cli.options import DatasetLibraryOption, SplitOption, checked_dataset
+from packit_sim.cli.options import DatasetLibraryOption, SplitOption, checked_dataset, packing_file
 from packit_sim.cli.stopping import stoppable
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.lazy_imports import lazy_imports
@@ -26,7 +26,7 @@ def verify_command(
             metavar="DATASET",
             autocompletion=completion.datasets,
             help="Dataset or results: a name (see `packit datasets list`), a folder or a file; or "
-            "a packing: a .json file.",
+            "a packing: a .json file, or the folder of `packit pack`.",
         ),
     ],
     split: SplitOption = None,
@@ -42,15 +42,16 @@ def verify_command(
 
     Example: packit verify everyday-v1 --split test
 
-    Example: packit verify packed/packing.json
+    Example: packit verify packed
     """
-    if dataset.endswith(".json"):
+    packing = packing_file(dataset)
+    if packing is not None:
         for option, value in (("--split", split), ("--library", library)):
             if value is not None:
                 raise ArgumentError(
                     f"{option} has no effect on {dataset}, which is a packing: leave it out"
                 )
-        report = verification.verify_record(dataset)
+        report = verification.verify_record(packing)
         verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
         verdict += f"\nlinked pairs: {report.linked}" if report.linked else ""
     else:

@@ -76,8 +76,8 @@ class SearchSettings:
     passes_at_once : int
         Passes of a separation between two looks at the clock.
     patience, exchange_patience : int
-        Passes without a gain after which a separation gives up; the second one after an exchange
-        of items of a knapsack.
+        Passes without a gain after which a separation gives up, and conflicts that the surfaces
+        find without an overlap; the second one after an exchange of items of a knapsack.
     gain : float
         Share of the least overlap below which the overlap after a pass is a gain.
     precise_overlap : float
