@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import allocating_kernel, inner_kernel
+from packit_sim.core.compilation import allocating_kernel, inlined, inner_kernel
 
 SCALE = 128.0
 """Steps of the stored distances per voxel."""
@@ -56,18 +56,33 @@ def fill_field(one, other, clearance, out):
     overlap = _overlaps(one, other, around, out.shape)
     u, v, w = overlap.shape
     # Depths are needed in full, for a descent from deep inside; distances only up to the padding.
-    inside = _squared_distances(overlap, np.uint8(0), u + v + w)
+    rim = around - 1  # beyond it, no node overlaps
+    inner = overlap[rim : u - rim, rim : v - rim, rim : w - rim].copy()
+    deepest = min(inner.shape) // 2
+    inside = _squared_distances(inner, np.uint8(0), deepest)
     outside = _squared_distances(overlap, np.uint8(1), around + 1)
+    depths = _encoded_roots(deepest, -1.0, clearance)
+    distances = _encoded_roots(around + 1, 1.0, clearance)
     for x in range(u):
         for y in range(v):
             for z in range(w):
-                # Half a step: the boundary is between a node inside and the next one outside.
-                if overlap[x, y, z]:
-                    found = -(np.sqrt(inside[x, y, z]) - 0.5)
-                else:
-                    found = np.sqrt(outside[x, y, z]) - 0.5
-                found += BIAS - clearance
-                out[x, y, z] = encoded(found, not _BAND[0] < found < _BAND[1])
+                out[x, y, z] = distances[outside[x, y, z]]
+    for x in range(inner.shape[0]):
+        for y in range(inner.shape[1]):
+            for z in range(inner.shape[2]):
+                if inner[x, y, z]:
+                    out[x + rim, y + rim, z + rim] = depths[inside[x, y, z]]
+
+
+@allocating_kernel
+def _encoded_roots(limit, sign, clearance):
+    """Return the values of nodes by their squared distance, up to that of a limit in voxels."""
+    found = np.empty(limit * limit + 1, np.int16)
+    for n in range(len(found)):
+        # Half a step: the boundary is between a node inside and the next one outside.
+        distance = sign * (np.sqrt(np.float32(n)) - 0.5) + (BIAS - clearance)
+        found[n] = encoded(distance, not _BAND[0] < distance < _BAND[1])
+    return found
 
 
 @allocating_kernel
@@ -153,46 +168,42 @@ def _dilate(rows, one, length):
 def _squared_distances(cells, value, limit):
     """Return the squared distance (u, v, w) of each cell to the nearest one of a value, bounded."""
     u, v, w = cells.shape
-    most = float(limit * limit)
-    first = np.empty(cells.shape, np.float32)
+    first = np.empty(cells.shape, np.int32)
     for x in range(u):
         for y in range(v):
             last = -limit
             for z in range(w):
                 if cells[x, y, z] == value:
                     last = z
-                first[x, y, z] = min(most, float((z - last) ** 2))
+                first[x, y, z] = min(limit, z - last) ** 2
             last = w + limit
             for z in range(w - 1, -1, -1):
                 if cells[x, y, z] == value:
                     last = z
-                first[x, y, z] = min(first[x, y, z], float((last - z) ** 2))
+                first[x, y, z] = min(first[x, y, z], (last - z) ** 2)
+    # A plane, or all of them, at a time: loops of one node, or one row, are slower.
     second = first.copy()
     for x in range(u):
-        for y in range(v):
-            for z in range(w):
-                best = first[x, y, z]
-                step = 1
-                while step * step < best and step <= limit:  # farther rows can't be nearer
-                    if y >= step:
-                        best = min(best, first[x, y - step, z] + step * step)
-                    if y + step < v:
-                        best = min(best, first[x, y + step, z] + step * step)
-                    step += 1
-                second[x, y, z] = best
-    for x in range(u):
-        for y in range(v):
-            for z in range(w):
-                best = second[x, y, z]
-                step = 1
-                while step * step < best and step <= limit:
-                    if x >= step:
-                        best = min(best, second[x - step, y, z] + step * step)
-                    if x + step < u:
-                        best = min(best, second[x + step, y, z] + step * step)
-                    step += 1
-                first[x, y, z] = best
-    return first
+        source, target = first[x].ravel(), second[x].ravel()
+        for step in range(1, min(limit + 1, v)):
+            _spread(source, target, step * w, np.int32(step**2))
+    third = second.copy()
+    for step in range(1, min(limit + 1, u)):
+        _spread(second.ravel(), third.ravel(), step * v * w, np.int32(step**2))
+    return third
+
+
+@inlined
+def _spread(values, out, step, added):
+    """Lower numbers to those a step before and after them, with an addition."""
+    _lower(values[:-step], out[step:], added)
+    _lower(values[step:], out[:-step], added)
+
+
+@inner_kernel
+def _lower(values, out, added):
+    for n in range(len(out)):
+        out[n] = min(out[n], values[n] + added)
 
 
 @inner_kernel
