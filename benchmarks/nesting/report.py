@@ -68,8 +68,8 @@ rotation sets.
 
 Two searches run side by side, on two cores. Times are processor seconds of each search, so that
 other work on the machine does not count. The results of `fixed` and `axis-n` after 60 s are of one
-version. Those of two tasks with `cube` are of the present one, those of built-in strips and of
-clearances of the one before, all on a slower machine than the others. Most of the rest is older.
+version. Those of two tasks in a strip with `cube`, of built-in strips and of clearances are of
+later ones, on a slower machine than all others. Most of the rest is older.
 
 Of 35 published rows four are missing: their two instances (Lamas-Fernandez et al. 2022) are under
 other licences. Packings below the best that was published are in `benchmarks/records/`, in ESICUP's
