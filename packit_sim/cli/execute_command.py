@@ -155,15 +155,14 @@ def execute_command(
         video.require(film)
         output.prepare_folder(film, dataset)
     packing = packing_file(dataset)
-    is_packing = packing is not None
-    if moves > 1 and not (is_packing or stored or reachable is False):
+    if moves > 1 and not (packing or stored or reachable is False):
         raise ArgumentError(
             f"--moves {moves} has no effect on masks of ways straight from above: add --all-masks"
         )
-    if is_packing or stored:
-        what = "a packing" if is_packing else "not planned again"
+    if packing or stored:
+        what = "a packing" if packing else "not planned again"
         unused: dict[str, object] = {"--agent": agent, "--reachable": reachable, "--out": out}
-        if is_packing:
+        if packing:
             unused |= {"--split": split, "--library": library, "--tasks": tasks, "--edge": edge}
         for option, value in unused.items():
             if value is not None:
@@ -178,7 +177,7 @@ def execute_command(
             def note(_: tuple[ExecutedItem, ...]) -> None:
                 progress.advance(bar)
 
-            if packing is not None:
+            if packing:
                 plans = execution.execute_packing(packing, cell, note)
             else:
                 checked_dataset(dataset)

@@ -45,7 +45,7 @@ def verify_command(
     Example: packit verify packed
     """
     packing = packing_file(dataset)
-    if packing is not None:
+    if packing:
         for option, value in (("--split", split), ("--library", library)):
             if value is not None:
                 raise ArgumentError(
