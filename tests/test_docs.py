@@ -264,10 +264,14 @@ def parse_of_module(module: str, words: Sequence[str], monkeypatch: pytest.Monke
         parse_args(parser, *given)
         raise Parsed
 
+    spec = find_spec(module)
+    assert spec, module
+    is_package = spec.submodule_search_locations is not None
     with monkeypatch.context() as patch:
         patch.setattr(ArgumentParser, "parse_args", parsed)
         patch.setattr(sys, "argv", [module, *words])
-        patch.delitem(sys.modules, module, raising=False)
+        # runpy warns of a module that another test has imported
+        patch.delitem(sys.modules, f"{module}.__main__" if is_package else module, raising=False)
         with pytest.raises(Parsed):
             runpy.run_module(module, run_name="__main__")
 
