@@ -11,10 +11,10 @@ import pytest
 from trimesh import creation
 
 from packit_sim import BoxContainer, ItemType, NestSettings, nest
+from packit_sim.parts.nesting import cell_strips, filling, finer_sides, knapsacks
 from packit_sim.parts.nesting import cells as cells_module
-from packit_sim.parts.nesting import knapsacks
 from packit_sim.parts.nesting.build import build, have_many_fields
-from packit_sim.parts.nesting.cell_filling import filled_cells
+from packit_sim.parts.nesting.cell_filling import cell_side, filled_cells
 from packit_sim.parts.nesting.cell_orders import hardest_first, most_valuable_first
 from packit_sim.parts.nesting.cell_separation_kernels import CellState, put_on_grid
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
@@ -25,7 +25,7 @@ from packit_sim.parts.nesting.placement_kernels import SIDES, cover, inner_cubes
 from packit_sim.parts.nesting.problem import Problem, boxes_of, state_of
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS
 from packit_sim.parts.nesting.settling_kernels import count_conflicts, lift
-from packit_sim.parts.nesting.tasks import Poses, SearchTask
+from packit_sim.parts.nesting.tasks import CLOCKS, Poses, SearchTask
 from packit_sim.parts.nesting.voxel_sets import placed_voxels, voxelized
 
 SIDE = 0.21
@@ -313,6 +313,32 @@ def test_strips_of_many_types_are_valid_complete_and_improve(clearance: float) -
     assert heights[-1] < heights[0]
     again = nest(types, (4.4, 4.2, math.inf), clearance=clearance, settings=settings)
     assert again.height == packing.height
+
+
+@pytest.mark.parametrize("seconds", [10.0, 55.0])
+def test_no_construction_begins_that_would_not_end(seconds: float, monkeypatch) -> None:
+    """Constructions on cells of the first side take so many of the 100 seconds of a search."""
+    clock, ends = [0.0], []
+
+    def timed(problem: Problem, task: SearchTask, *given: Any) -> Poses:
+        order, side = given[2], given[5]
+        share = (len(order) / task.count) ** 1.15
+        clock[0] += seconds * share * (cell_side(problem, task) / side) ** 2.3
+        if len(order) == task.count:
+            ends.append(clock[0])
+        return filled_cells(problem, task, *given)
+
+    def now() -> float:
+        clock[0] += 0.2
+        return clock[0]
+
+    for module in (cell_strips, filling, finer_sides):
+        monkeypatch.setattr(module, "filled_cells", timed)
+    monkeypatch.setitem(CLOCKS, "wall", now)
+    settings = NestSettings(workers=1, search=BY_CELLS)
+    packing = nest(shapes(18), (4.4, 4.2, math.inf), time=100.0, settings=settings)
+    assert packing.problems() == []
+    assert 2 <= len(ends) <= 3 and ends[-1] < 80
 
 
 def test_a_knapsack_of_many_types_is_valid_and_leaves_out_what_does_not_fit() -> None:

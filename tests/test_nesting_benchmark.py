@@ -153,6 +153,10 @@ def test_a_variant_of_the_search_is_measured_once(
     ablations.measure(ablations.WHOLE, 1.0, [0], 1, tmp_path)
     report.write_report({}, tmp_path)
     assert f"| {variant} | 1.00 (1) | 1.000 |" in (tmp_path / "nesting.md").read_text()
+    for each in {variant, ablations.WHOLE}:
+        ablations.measure(each, 1.0, [1], 1, tmp_path)
+    report.write_report({}, tmp_path)
+    assert f"| {variant} | 1.00 (2) | 1.000 (0.000) |" in (tmp_path / "nesting.md").read_text()
 
 
 def test_a_record_is_checked_by_its_file_and_the_instance(tmp_path) -> None:

@@ -46,7 +46,7 @@ BUILTIN_STRIPS = (
 )
 """The same without the literature's instances."""
 
-SECONDS = 60.0
+SECONDS = 30.0
 
 SEEDS = (0, 1)
 
@@ -94,6 +94,11 @@ def all_at_once() -> SearchSettings:
     return SearchSettings(first_items=sys.maxsize)
 
 
+def no_moves_at_the_end() -> SearchSettings:
+    """Leave the lowest strip as the last separation left it."""
+    return SearchSettings(finishing_moves=0, finishing=(0.0, 0.0))
+
+
 WHOLE = "as it is"
 
 VARIANTS: dict[str, Callable[[], SearchSettings]] = {
@@ -102,6 +107,7 @@ VARIANTS: dict[str, Callable[[], SearchSettings]] = {
     "overlap without sizes": no_sizes,
     "no construction": no_construction,
     "all items at once": all_at_once,
+    "no moves of all items at the end": no_moves_at_the_end,
 }
 """The settings of each variant; some also replace functions."""
 

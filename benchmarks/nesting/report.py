@@ -68,8 +68,10 @@ rotation sets.
 
 Two searches run side by side, on two cores. Times are processor seconds of each search, so that
 other work on the machine does not count. The results of `fixed` and `axis-n` after 60 s are of one
-version. Those of two tasks in a strip with `cube`, of built-in strips and of clearances are of
-later ones, on a slower machine than all others. Most of the rest is older.
+version, but for Merged2, Merged4, and Example4 and Example5 of Stoyan et al. 2004 with `axis-4`.
+Those, and the results of two tasks in a strip with `cube`, of built-in strips, of clearances and
+without parts of the search are of later ones, on a slower machine than all others. Most of the rest
+is older.
 
 Of 35 published rows four are missing: their two instances (Lamas-Fernandez et al. 2022) are under
 other licences. Packings below the best that was published are in `benchmarks/records/`, in ESICUP's
@@ -330,24 +332,27 @@ def _ablations(runs: Runs) -> Iterator[str]:
     if not runs:
         return
     yield "## What the parts of the search give\n"
-    scores: dict[tuple[str, str, str], list[float]] = defaultdict(list)
+    scores: dict[tuple[str, str, str], dict[int, float]] = defaultdict(dict)
     for run in runs:
-        scores[run["variant"], run["name"], run["rotations"]].append(run["score"])
+        scores[run["variant"], run["name"], run["rotations"]][run["seed"]] = run["score"]
     strips = list(dict.fromkeys((run["name"], run["rotations"]) for run in runs))
     rows = []
     for variant in dict.fromkeys(run["variant"] for run in runs):
         cells, ratios = [], []
         for strip in strips:
             own, whole = scores[variant, *strip], scores[ablations.WHOLE, *strip]
-            cells.append(f"{_mean(own)} ({len(own)})")
-            ratios.append(_ratio(own, statistics.mean(whole) if whole else None))
-        rows.append([variant, *cells, _number(statistics.mean(ratios), 3)])
+            cells.append(f"{_mean(list(own.values()))} ({len(own)})")
+            ratios += [own[seed] / whole[seed] for seed in own.keys() & whole.keys()]
+        mean = _number(statistics.mean(ratios), 3)
+        if len(ratios) > 1:
+            mean += f" ({statistics.stdev(ratios) / len(ratios) ** 0.5:.3f})"
+        rows.append([variant, *cells, mean])
     names = ", ".join(f"{name} {rotations}" for name, rotations in strips)
-    yield _table(f"variant, {names}, mean ratio", rows)
+    yield _table(f"variant, {names}, mean ratio (standard error)", rows)
     yield (
         "Mean heights (searches) after so many processor seconds of each of two searches: "
         f"{', '.join(sorted({format(run['seconds'], 'g') for run in runs}))}. By "
-        "`python -m benchmarks.nesting.ablations`.\n"
+        "`python -m benchmarks.nesting.ablations`. Within two standard errors nothing is shown.\n"
     )
 
 

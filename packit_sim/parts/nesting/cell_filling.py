@@ -7,8 +7,6 @@ its surface, off the grid, before the next one is placed: that takes back what c
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
@@ -26,18 +24,6 @@ DENSITY = 0.33
 AT_ONCE = 32
 """Items that settle between two looks at the clock."""
 
-TRIED = 0.1
-"""Share of the items after which the time of a construction is estimated."""
-
-GROWTH = 1.4
-"""Power of the number of items by which the time of a construction grows: a tenth takes 4%."""
-
-COST = 3
-"""Power of the number of cells along a side by which the time of a construction grows."""
-
-MOST_TIME = 0.4
-"""Share of the time that is left which a first construction may take."""
-
 ENOUGH = 0.02
 """Cells by which an item goes down on average in a sweep, if another one follows."""
 
@@ -50,43 +36,6 @@ def cell_side(problem: Problem, task: SearchTask) -> float:
     most = settings.most_cells * task.count**0.5
     side = max(float(np.median(longest)) / settings.finest_cells, (volume / most) ** (1 / 3))
     return least_side(problem, side)
-
-
-def first_filled_cells(
-    problem: Problem,
-    task: SearchTask,
-    poses: Poses,
-    boxes: Floats,
-    order: Ints,
-    rng: npt.NDArray[np.uint64],
-    budget: SearchBudget | None,
-    end: SearchBudget | None,
-) -> Poses:
-    """Fill as `filled_cells`, on larger cells if there is too little time for those of `cell_side`.
-
-    Items that are not tried cost more than finer cells gain.
-
-    Parameters
-    ----------
-    budget : SearchBudget, optional
-        How much time there is.
-    end : SearchBudget, optional
-        When it is late, no further items are tried.
-
-    Returns
-    -------
-    Poses
-        As of `filled_cells`.
-    """
-    side = cell_side(problem, task)
-    if budget is not None and budget.seconds_left < math.inf:
-        cells_of(problem, side)  # whose time is not that of the items
-        before = budget.seconds_left
-        some = order[: math.ceil(TRIED * len(order))]
-        poses = filled_cells(problem, task, poses, boxes, some, rng, budget, side)
-        seconds = (before - budget.seconds_left) / TRIED**GROWTH
-        side *= max(1.0, seconds / max(MOST_TIME * before, 1e-9)) ** (1 / COST)
-    return filled_cells(problem, task, poses, boxes, order, rng, end, side)
 
 
 def filled_cells(

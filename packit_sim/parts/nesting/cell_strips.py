@@ -54,9 +54,13 @@ class CellStripSearch(NestSearch):
 
     def _constructed(self, problem: Problem) -> Solution:
         self._side = FIRST_SIDE * cell_side(problem, self._task)
+        assert self._budget is not None
+        before = self._budget.progress
         order = self._order(problem, 0.0)
+        side = self._sides.first(problem, order, self._rng, self._budget)
         given = problem, self._task, [self._task.size], self._rng, self._budget, order
-        poses = constructed(*given, is_complete=True)
+        poses = constructed(*given, side, is_complete=True)
+        self._sides.spend(self._budget.progress - before)
         return self._solution(problem, poses)
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.parts.nesting.cell_filling import first_filled_cells
+from packit_sim.parts.nesting.cell_filling import filled_cells
 from packit_sim.parts.nesting.cell_orders import hardest_first
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.construction_kernels import construct
@@ -41,6 +41,7 @@ def constructed(
     rng: npt.NDArray[np.uint64],
     budget: SearchBudget | None = None,
     order: Ints | None = None,
+    side: float | None = None,
     is_complete: bool = False,
 ) -> Poses:
     """Construct a packing, box after box, around given first poses.
@@ -55,6 +56,8 @@ def constructed(
         As in `filled`.
     order : ndarray of int64, optional
         The items in their order, instead of that of the task, or the hardest first.
+    side : float, optional
+        The side of cells, if not `cell_side`; only for items as cells.
     is_complete : bool
         Whether all items are tried, also when the budget is late; only for items as cells.
 
@@ -71,7 +74,7 @@ def constructed(
         order = hardest_first(problem, task) if problem.by_cells else task.order
     if problem.by_cells:
         end = None if is_complete else budget
-        return first_filled_cells(problem, task, poses, boxes, order, rng, budget, end)
+        return filled_cells(problem, task, poses, boxes, order, rng, end, side)
     return filled(problem, task, poses, boxes, order, rng, budget)
 
 

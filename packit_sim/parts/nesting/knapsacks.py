@@ -87,21 +87,24 @@ class KnapsackSearch(NestSearch):
         possible = self._task.limits.possible(self._task.count)
         self._fits = np.isfinite(least_heights(problem, self._task)) & possible
         sizes = [self._task.size]
+        assert self._budget is not None
+        side, before = None, self._budget.progress
         if problem.by_cells:
             self._order = most_valuable_first(problem, self._task)
+            side = self._sides.first(problem, self._order, self._rng, self._budget)
         given = problem, self._task, sizes, self._rng, self._budget
-        poses = constructed(*given, self._order)
+        poses = constructed(*given, self._order, side)
         if problem.by_cells:
             poses = self._settled_and_filled(problem, poses, None, self._budget)
+            self._sides.spend(self._budget.progress - before)
         poses = self._within_limits(problem, poses)
         for order in self._other_orders():
-            if self._budget is not None and self._budget.is_late:
+            if self._budget.is_late:
                 break
-            other = constructed(*given, order)
+            other = constructed(*given, order, side)
             poses = max(poses, self._within_limits(problem, other), key=self._value)
         solution = self._solution(poses)
-        is_late = self._budget is not None and self._budget.is_late
-        self.is_cut = is_late and bool((self._fits & ~self._packed(poses)).any())
+        self.is_cut = self._budget.is_late and bool((self._fits & ~self._packed(poses)).any())
         self._good = self._current = self._own(solution.poses)
         self._rebuilt = solution.poses
         return solution

@@ -34,6 +34,9 @@ _log = plain_logger("packit_sim.parts.nesting")
 
 _Result = TypeVar("_Result")
 
+FIRST_SECONDS = 1e-6
+"""Seconds of the first round, which only constructs a packing: its progress needs more than 0."""
+
 
 class Problems:
     """A problem's arguments: each process computes it once, each thread has its own work arrays.
@@ -218,7 +221,7 @@ def _once(
         now = watch.seconds
         shortest, longest = settings.round_seconds
         length = min(max(settings.round_growth * now, shortest), longest)
-        seconds = min(length, limits.seconds - now) if number else 0.0
+        seconds = min(length, limits.seconds - now) if number else FIRST_SECONDS
         share = None if passes is None else min(settings.round_passes, passes) if number else 0
         if passes is None or limits.passes is None:
             before = now / limits.seconds
