@@ -141,20 +141,23 @@ def test_a_variant_of_the_search_is_measured_once(
 ) -> None:
     monkeypatch.setattr(ablations, "BUILTIN_STRIPS", (("literature", "four cubes", "fixed"),))
     monkeypatch.setattr(ablations, "WARM_UP", 0)
-    ablations.VARIANTS[variant]()
-    try:
-        for _ in range(2):
-            ablations.measure(variant, 1.0, [0], 1, tmp_path)
-    finally:
-        patch.stopall()
+
+    def measure(seed: int) -> None:
+        try:
+            ablations.measure(variant, 1.0, [seed], 1, tmp_path)
+        finally:
+            patch.stopall()
+
+    for _ in range(2):
+        measure(0)
     (run,) = ablations.read(tmp_path).values()
     assert run["valid"] and run["score"] == pytest.approx(1, abs=1e-3)
     assert capsys.readouterr().out.count(variant) == 1
     ablations.measure(ablations.WHOLE, 1.0, [0], 1, tmp_path)
     report.write_report({}, tmp_path)
     assert f"| {variant} | 1.00 (1) | 1.000 |" in (tmp_path / "nesting.md").read_text()
-    for each in {variant, ablations.WHOLE}:
-        ablations.measure(each, 1.0, [1], 1, tmp_path)
+    measure(1)
+    ablations.measure(ablations.WHOLE, 1.0, [1], 1, tmp_path)
     report.write_report({}, tmp_path)
     assert f"| {variant} | 1.00 (2) | 1.000 (0.000) |" in (tmp_path / "nesting.md").read_text()
 
