@@ -48,7 +48,7 @@ def test_an_attempt_gives_up_after_as_many_conflicts_without_an_overlap_as_its_p
     monkeypatch.setattr(separation, "load", lambda *_: next(left, 0))
     monkeypatch.setattr(separation, "separate", lambda *_: 0.0)
     attempt = Separation(task, poses, boxes_of(task.sizes), patience=20)
-    budget = SearchBudget(1.0, 10_000, (0.0, 1.0), None, "wall", 1.0)
+    budget = SearchBudget(1.0, 10_000, latest=1.0)
     assert attempt.advance(problem, np.zeros(1, np.uint64), budget, True) == is_apart
 
 

@@ -20,8 +20,11 @@ from packit_sim.parts.nesting.tasks import SearchBudget, SearchTask
 TRIED = 0.1
 """Share of the items after which the time of the first construction is estimated."""
 
-GROWTH = 1.15
-"""Power of the number of items by which that time grows: the first tenth, the largest, takes 7%."""
+GROWTH = 1.25
+"""Power of the number of items by which that time grows: 1.12 of 1,000 parts, 1.28 of 5,000.
+
+A first construction that takes less than estimated leaves time for a finer one.
+"""
 
 COST = 2.3
 """Power of the number of cells along a side by which the time of a construction grows."""

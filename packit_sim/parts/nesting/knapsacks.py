@@ -95,7 +95,7 @@ class KnapsackSearch(NestSearch):
         given = problem, self._task, sizes, self._rng, self._budget
         poses = constructed(*given, self._order, side)
         if problem.by_cells:
-            poses = self._settled_and_filled(problem, poses, None, self._budget)
+            poses = self._settled_and_filled(problem, poses, side, self._budget)
             self._sides.spend(self._budget.progress - before)
         poses = self._within_limits(problem, poses)
         for order in self._other_orders():
@@ -136,11 +136,11 @@ class KnapsackSearch(NestSearch):
         return poses.changed(balance.excess(poses, self._task.values), 0)
 
     def _settled_and_filled(
-        self, problem: Problem, poses: Poses, side: float | None, budget: SearchBudget | None
+        self, problem: Problem, poses: Poses, side: float | None, budget: SearchBudget
     ) -> Poses:
         """Let items settle, which leaves space above them, and fill it, while that gains value."""
         task, value = self._task, -1.0
-        while self._value(poses) > value and not (budget is not None and budget.is_late):
+        while self._value(poses) > value and not budget.is_late:
             value = self._value(poses)
             state = loaded(problem, task, poses, self._boxes)
             settle_all(problem, task, state, self._rng, budget)

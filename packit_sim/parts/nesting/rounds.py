@@ -34,9 +34,6 @@ _log = plain_logger("packit_sim.parts.nesting")
 
 _Result = TypeVar("_Result")
 
-FIRST_SECONDS = 1e-6
-"""Seconds of the first round, which only constructs a packing: its progress needs more than 0."""
-
 
 class Problems:
     """A problem's arguments: each process computes it once, each thread has its own work arrays.
@@ -221,16 +218,14 @@ def _once(
         now = watch.seconds
         shortest, longest = settings.round_seconds
         length = min(max(settings.round_growth * now, shortest), longest)
-        seconds = min(length, limits.seconds - now) if number else FIRST_SECONDS
+        seconds = min(length, limits.seconds - now) if number else 0.0
         share = None if passes is None else min(settings.round_passes, passes) if number else 0
         if passes is None or limits.passes is None:
-            before = now / limits.seconds
-            shares = before, before + seconds / limits.seconds
+            done, whole = now / limits.seconds, limits.seconds
         else:
-            before = 1 - passes / limits.passes
-            shares = before, before + (share or 0) / limits.passes
+            done, whole = 1 - passes / limits.passes, limits.passes
         latest = max(limits.seconds - now, 0.0 if number else settings.construction_seconds)
-        budget = seconds, share, shares, stop, limits.clock, latest
+        budget = seconds, share, done, whole, stop, limits.clock, latest
         own = [(problems, each, *budget) for each in searches]
         ends = _run(workers, _advance, own, limits)
         searches[:] = [search for search, _ in ends]
@@ -303,7 +298,7 @@ def _finished(
     clock: ClockName,
 ) -> tuple[Solution | None, float]:
     start = CLOCKS[clock]()
-    budget = SearchBudget(latest, passes, (1.0, 1.0), stop, clock, latest)
+    budget = SearchBudget(latest, passes, 1.0, None, stop, clock, latest)
     return search.finished(problems.get(), budget), CLOCKS[clock]() - start
 
 
@@ -312,7 +307,8 @@ def _advance(
     search: NestSearch,
     seconds: float,
     passes: int | None,
-    shares: tuple[float, float],
+    done: float,
+    whole: float,
     stop: threading.Event | None,
     clock: ClockName,
     latest: float,
@@ -321,7 +317,7 @@ def _advance(
     problem = problems.get()
     if passes is not None:
         forget_fields(problem)
-    search.advance(problem, SearchBudget(seconds, passes, shares, stop, clock, latest))
+    search.advance(problem, SearchBudget(seconds, passes, done, whole, stop, clock, latest))
     return search, CLOCKS[clock]() - start
 
 

@@ -37,8 +37,10 @@ class SearchBudget:
         Time limit in seconds, from now on.
     passes : int, optional
         Pass limit, instead of the time limit.
-    shares : tuple of float
-        Shares of the whole search that are over when the round begins and when it ends.
+    done : float
+        Share of the whole search that is over when the round begins.
+    whole : float, optional
+        The seconds or passes of the whole search, if not only those of the round.
     stop : threading.Event, optional
         Ends the round as soon as it is set.
     clock : str
@@ -52,18 +54,20 @@ class SearchBudget:
         self,
         seconds: float,
         passes: int | None = None,
-        shares: tuple[float, float] = (0.0, 1.0),
+        done: float = 0.0,
+        whole: float | None = None,
         stop: threading.Event | None = None,
         clock: ClockName = "wall",
         latest: float = math.inf,
     ) -> None:
-        self._seconds = seconds
         self._now = CLOCKS[clock]
-        self._end = self._now() + seconds
-        self._latest = self._now() + latest
+        self._start = self._now()
+        self._end = self._start + seconds
+        self._latest = self._start + latest
         self._passes = passes
-        self._all_passes = passes or 0
-        self._shares = shares
+        self._taken = 0
+        self._done = done
+        self._whole = whole or passes or seconds
         self._stop = stop
 
     @property
@@ -92,12 +96,8 @@ class SearchBudget:
     @property
     def progress(self) -> float:
         """The share of the whole search that is over."""
-        if self._passes is None:
-            left = (self._end - self._now()) / max(self._seconds, 1e-9)
-        else:
-            left = self._passes / max(self._all_passes, 1)
-        first, last = self._shares
-        return last - (last - first) * min(1.0, left)
+        spent = self._now() - self._start if self._passes is None else self._taken
+        return self._done + spent / max(self._whole, 1e-9)
 
     def take(self, most: int) -> int:
         """Take up to `most` passes out of the budget; return their number."""
@@ -105,6 +105,7 @@ class SearchBudget:
             return most
         passes = min(most, self._passes)
         self._passes -= passes
+        self._taken += passes
         return passes
 
 
