@@ -69,9 +69,11 @@ rotation sets.
 Two searches run side by side, on two cores. Times are processor seconds of each search, so that
 other work on the machine does not count. The results of `fixed` and `axis-n` after 60 s are of one
 version, but for Merged2, Merged4, and Example4 and Example5 of Stoyan et al. 2004 with `axis-4`.
-Those, and the results of two tasks in a strip with `cube`, of built-in strips, of clearances and
-without parts of the search are of later ones, on a slower machine than all others. Most of the rest
-is older.
+Those, and the results of two tasks in a strip with `cube`, of bins, of many library shapes, of
+built-in strips, of clearances and without parts of the search are of later ones, on a slower
+machine than all others; so are, after 600 s, those of `axis-2`, of Merged2, Merged4, and Example4
+and Example5 of Stoyan et al. 2004. Most of the rest is older: searches of 600 s did not begin again
+each minute then.
 
 Of 35 published rows four are missing: their two instances (Lamas-Fernandez et al. 2022) are under
 other licences. Packings below the best that was published are in `benchmarks/records/`, in ESICUP's
@@ -247,7 +249,7 @@ def draw_ratios(runs: Runs, file: Path) -> None:
     for (_, rotations, seconds), own in _grouped(runs, "name", "rotations", "seconds"):
         ratio = _ratio([run["score"] for run in own], _others(own).get("sparrow-3d, 10 min"))
         if rotations not in MORE_ROTATIONS and not math.isnan(ratio):
-            kind = "fixed" if rotations == "fixed" else "axis-n"
+            kind = _set(rotations)
             points[seconds, kind].append((own[0]["items"], ratio))
     for ((seconds, kind), own_points), color in zip(sorted(points.items()), COLORS, strict=False):
         marker = "o" if kind == "fixed" else "^"
@@ -364,8 +366,8 @@ def _grouped(runs: Runs, *fields: str) -> Iterator[tuple[tuple[Any, ...], Runs]]
 
 
 def _set(rotations: str) -> str:
-    """Return the name under which ratios are averaged: Liu's instance has axis-8."""
-    return "axis-4 (Liu: axis-8)" if rotations.startswith("axis") else rotations
+    """Return the name under which ratios are averaged."""
+    return "axis-n" if rotations.startswith("axis") else rotations
 
 
 def _ratio(values: Sequence[float], other: float | None) -> float:
