@@ -40,7 +40,7 @@ from packit_sim.parts.nesting import nest as nest_module
 from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.nesting.problem import Problem
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
-from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
+from packit_sim.parts.nesting.tasks import CLOCKS, Poses, SearchBudget, SearchTask, Solution
 from packit_sim.parts.packings.checked_items import tolerance
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.rotation_sets import matrices
@@ -365,6 +365,26 @@ def test_time_is_left_for_the_end_of_a_strip() -> None:
     left = [rounds._left_over(each, 10.0, DEFAULT_SETTINGS) for each in searches]
     assert left == [pytest.approx(1.0), 0]
     assert rounds._left_over(searches[0], 60.0, DEFAULT_SETTINGS) == 1.5
+
+
+@pytest.mark.parametrize("kind", ["strip", "knapsack"])
+def test_time_is_left_for_the_last_check(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, problems, checked = [0.0], Packing.problems, []
+
+    def now() -> float:
+        clock[0] += 0.1
+        return clock[0]
+
+    def slow_at_first(packing: Packing) -> list[str]:
+        clock[0] += 0.0 if checked else 5.0
+        checked.append(packing)
+        return problems(packing)
+
+    monkeypatch.setitem(CLOCKS, "wall", now)
+    monkeypatch.setattr(Packing, "problems", slow_at_first)
+    size = 3.1, 2.9, OPEN if kind == "strip" else 1.5
+    nest(mixed("cube"), size, kind, time=100.0, settings=NestSettings(workers=1))
+    assert len(checked) > 1 and 94 < clock[0] < 98
 
 
 def test_moves_at_the_end_do_not_count_if_the_strip_is_not_valid_then(

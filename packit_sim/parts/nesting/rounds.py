@@ -34,6 +34,9 @@ _log = plain_logger("packit_sim.parts.nesting")
 
 _Result = TypeVar("_Result")
 
+CHECKING = 0.1
+"""Largest share of the seconds that is kept for the check of the last packing."""
+
 
 class Problems:
     """A problem's arguments: each process computes it once, each thread has its own work arrays.
@@ -213,18 +216,20 @@ def _once(
     left_over = _left_over(searches, limits.seconds, settings)
     limits = replace(limits, seconds=limits.seconds - left_over)
     best: Solution | None = None
+    kept = 0.0  # seconds for the last check, by those before
     stop = limits.stop if isinstance(workers, Threads) else None
     for number in count():
         now = watch.seconds
+        left = limits.seconds - kept - now
         shortest, longest = settings.round_seconds
         length = min(max(settings.round_growth * now, shortest), longest)
-        seconds = min(length, limits.seconds - now) if number else 0.0
+        seconds = min(length, left) if number else 0.0
         share = None if passes is None else min(settings.round_passes, passes) if number else 0
         if passes is None or limits.passes is None:
             done, whole = now / limits.seconds, limits.seconds
         else:
             done, whole = 1 - passes / limits.passes, limits.passes
-        latest = max(limits.seconds - now, 0.0 if number else settings.construction_seconds)
+        latest = max(left, 0.0 if number else settings.construction_seconds)
         budget = seconds, share, done, whole, stop, limits.clock, latest
         own = [(problems, each, *budget) for each in searches]
         ends = _run(workers, _advance, own, limits)
@@ -235,7 +240,9 @@ def _once(
         for solution in sorted((each.best for each in searches if each.best), key=_score):
             if best is not None and solution.score >= best.score:
                 break
+            before = watch.seconds
             packing = check(solution)
+            kept = max(kept, min(watch.seconds - before, CHECKING * limits.seconds))
             if packing is not None:
                 best = solution
                 yield solution, packing
@@ -247,12 +254,12 @@ def _once(
                 each.adopt(problems.get(), best)
         if passes is not None and share is not None:
             passes -= share
-        is_over = watch.seconds >= limits.seconds if passes is None else passes <= 0
+        is_over = watch.seconds + kept >= limits.seconds if passes is None else passes <= 0
         if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
             break
     if best is None or limits.stop.is_set() or not searches[0].finishes:
         return
-    latest = max(limits.seconds + left_over - watch.seconds, 0.0)
+    latest = max(limits.seconds + left_over - kept - watch.seconds, 0.0)
     if limits.passes is not None:
         passes = math.ceil(settings.finishing[0] * limits.passes)
     last = [(problems, each, latest, passes, stop, limits.clock) for each in searches]
