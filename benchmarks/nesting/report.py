@@ -249,8 +249,7 @@ def draw_ratios(runs: Runs, file: Path) -> None:
     for (_, rotations, seconds), own in _grouped(runs, "name", "rotations", "seconds"):
         ratio = _ratio([run["score"] for run in own], _others(own).get("sparrow-3d, 10 min"))
         if rotations not in MORE_ROTATIONS and not math.isnan(ratio):
-            kind = _set(rotations)
-            points[seconds, kind].append((own[0]["items"], ratio))
+            points[seconds, _set(rotations)].append((own[0]["items"], ratio))
     for ((seconds, kind), own_points), color in zip(sorted(points.items()), COLORS, strict=False):
         marker = "o" if kind == "fixed" else "^"
         items, values = zip(*sorted(own_points), strict=True)

@@ -305,7 +305,7 @@ def _finished(
     clock: ClockName,
 ) -> tuple[Solution | None, float]:
     start = CLOCKS[clock]()
-    budget = SearchBudget(latest, passes, 1.0, None, stop, clock, latest)
+    budget = SearchBudget(latest, passes, 1.0, stop=stop, clock=clock, latest=latest)
     return search.finished(problems.get(), budget), CLOCKS[clock]() - start
 
 

@@ -77,7 +77,7 @@ class SearchBudget:
             return True
         if self._passes is None:
             return self._now() >= self._end
-        return self._passes <= 0
+        return self._taken >= self._passes
 
     @property
     def is_late(self) -> bool:
@@ -103,8 +103,7 @@ class SearchBudget:
         """Take up to `most` passes out of the budget; return their number."""
         if self._passes is None:
             return most
-        passes = min(most, self._passes)
-        self._passes -= passes
+        passes = min(most, self._passes - self._taken)
         self._taken += passes
         return passes
 
