@@ -70,7 +70,7 @@ CAMPAIGNS = {
         "exactness",
         "campaigns.exactness",
     ),
-    "packings": _campaign("packings", "--packings 1000 --work OUT/trials"),
+    "packings": _campaign("packings", "--seed 1000 --packings 1000 --work OUT/trials"),
     "options": _campaign("options", page="packings"),
     "fuzzing": _campaign("fuzzing", "--minutes 60 --work OUT/work", "hostile-files"),
     "faults": _campaign("faults"),
