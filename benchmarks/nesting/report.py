@@ -56,6 +56,9 @@ POINTS = 200
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 """Of Okabe and Ito, safe for the colour-blind."""
 
+BOTH = "fixed and axis-n"
+"""The rotation sets with which others published heights."""
+
 Runs = Sequence[dict[str, Any]]
 
 HEAD = """# Nesting
@@ -194,8 +197,10 @@ def _literature(runs: Runs) -> Iterator[str]:
             ratio = _ratio(heights, published)
             cells += [f"{_mean(heights)} ({len(heights)})" if heights else "-", _number(ratio, 3)]
             if not math.isnan(ratio):
-                ratios[seconds, _set(rotations)].append(ratio)
-                below[seconds, _set(rotations)] += min(heights) < best - BELOW
+                own_set = _set(rotations)
+                for kind in (own_set,) if rotations in MORE_ROTATIONS else (own_set, BOTH):
+                    ratios[seconds, kind].append(ratio)
+                    below[seconds, kind] += min(heights) < best - BELOW
         lowest = min(run["score"] for run in own)
         rows.append(
             [
