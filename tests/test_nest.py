@@ -285,7 +285,7 @@ def test_a_long_search_for_a_strip_of_items_that_can_turn_perseveres() -> None:
     planned = [nest_module._beginnings(task, t, True) for t in (300, 599, 600, 9000)]
     assert [times for times, _ in planned] == [1, 1, 2, 10]
     for _, settings in planned:
-        assert settings.patience == DEFAULT_SETTINGS.persevering_patience
+        assert settings.patience == DEFAULT_SETTINGS.most_patience
         assert settings.restart_probability == 0
     of_many = replace(task, volumes=np.ones(150))
     assert nest_module._beginnings(of_many, 300, True) == (2, DEFAULT_SETTINGS)
@@ -311,7 +311,7 @@ def test_only_a_search_from_its_own_beginning_for_items_that_can_turn_perseveres
     search = SearchSettings(beginning_seconds=(0.1, 0.0))
     settings = NestSettings(workers=1, search=search, start=start)
     check(nest(items, (3.1, 2.9, OPEN), time=0.5, settings=settings))
-    patience = search.persevering_patience if perseveres else search.patience
+    patience = search.most_patience if perseveres else search.patience
     assert begun and {each.patience for each in begun} == {patience}
     if goes_on or perseveres:
         assert len(begun) == 1

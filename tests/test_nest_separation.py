@@ -52,6 +52,22 @@ def test_an_attempt_gives_up_after_as_many_conflicts_without_an_overlap_as_its_p
     assert attempt.advance(problem, np.zeros(1, np.uint64), budget, True) == is_apart
 
 
+@pytest.mark.parametrize(("whole", "expected"), [(1_000, 60), (10_000, 100), (100_000, 240)])
+def test_an_attempt_has_more_patience_as_long_as_it_takes_little_of_the_search(
+    whole: int, expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a gain: 60 passes, or as many as are 1% of the search, but at most 240."""
+    cube = creation.box((1, 1, 1))
+    problem = build([ItemType("cube", cube.vertices, cube.faces)], 4.0, 0.0)
+    task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((4.0, 4.0, 4.0),))
+    poses = Poses(np.ones(1, np.int64), np.zeros(1, np.int64), np.ones((1, 3)))
+    monkeypatch.setattr(separation, "separate", lambda *_: 0.5)
+    attempt = Separation(task, poses, boxes_of(task.sizes), 60, most_patience=240)
+    budget = SearchBudget(1.0, whole, 0.5, latest=1.0)
+    assert not attempt.advance(problem, np.zeros(1, np.uint64), budget, True)
+    assert budget.progress == pytest.approx(0.5 + expected / whole)
+
+
 def test_a_failed_attempt_is_disrupted_by_exchanging_two_items_that_differ(monkeypatch) -> None:
     begun = StripSearch._begun
     exchanged = []

@@ -284,7 +284,7 @@ def _beginnings(task: SearchTask, seconds: float, can_turn: bool) -> tuple[int, 
     times = seconds / max(least, for_item * task.count)
     if can_turn and times >= settings.persevering:
         times /= settings.persevering
-        patience = settings.persevering_patience
+        patience = settings.most_patience
         settings = replace(settings, patience=patience, restart_probability=0.0)
     return int(min(max(times, 1), settings.most_beginnings)), settings
 

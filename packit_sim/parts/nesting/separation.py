@@ -41,6 +41,8 @@ class Separation:
         an overlap by stored distances.
     later : sequence of ndarray of int64
         Sets of items that are left out at first; each joins when the items before it are apart.
+    most_patience : int
+        The patience until `patient_share` of the search has passed since the last gain.
 
     Attributes
     ----------
@@ -57,12 +59,15 @@ class Separation:
         boxes: Floats,
         patience: int,
         later: Sequence[Ints] = (),
+        most_patience: int = 0,
     ) -> None:
         self._later = [items[poses.inside[items] > 0] for items in later]
         self.least = poses.changed(np.concatenate(self._later), 0) if later else poses
         self.boxes = boxes
         self._task = task
         self._patience = patience
+        self._most_patience = max(patience, most_patience)
+        self._gained = math.inf  # the share of the search that was over at the last gain
         self._idle = 0
         self._refusals = 0
         self._overlap = math.inf
@@ -92,7 +97,8 @@ class Separation:
         if self._state is None:
             self._state = loaded(problem, self._task, self.least, self.boxes)
         found = self._task.state()
-        while max(self._idle, self._refusals) < self._patience:
+        self._gained = min(self._gained, budget.progress)
+        while not self._gives_up(budget):
             if self._overlap == 0:
                 # Stored distances see no overlap, but only the surfaces can accept the poses: a
                 # conflict that they find gets a margin, so that the pair overlaps from now on.
@@ -119,6 +125,8 @@ class Separation:
             # nothing overlaps any more.
             is_gain = overlap == 0 or overlap < settings.gain * self._overlap < math.inf
             self._idle = 0 if is_gain else self._idle + passes
+            if is_gain and overlap > 0:
+                self._gained = budget.progress
             if overlap < self._overlap:
                 self._overlap = overlap
                 self.least = Poses.of(found)
@@ -130,3 +138,9 @@ class Separation:
         for items in self._later:
             self.least = self.least.changed(items, 1)
         return False
+
+    def _gives_up(self, budget: SearchBudget) -> bool:
+        """Return whether the last gain was too long ago."""
+        idle = max(self._idle, self._refusals)
+        is_long = budget.progress - self._gained >= self._task.settings.patient_share
+        return idle >= (self._patience if is_long else self._most_patience)

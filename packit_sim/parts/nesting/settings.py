@@ -78,6 +78,11 @@ class SearchSettings:
     patience, exchange_patience : int
         Passes without a gain after which a separation gives up, and conflicts that the surfaces
         find without an overlap; the second one after an exchange of items of a knapsack.
+    most_patience : int
+        The patience of a separation of all items of a strip that takes little of the search, and of
+        one that perseveres.
+    patient_share : float
+        The share of the search that is little: with more since the last gain, `patience` counts.
     gain : float
         Share of the least overlap below which the overlap after a pass is a gain.
     precise_overlap : float
@@ -101,8 +106,6 @@ class SearchSettings:
     persevering : int
         From the time of so many beginnings on, one search takes all of it and perseveres, if items
         can turn: in long separations, of which each goes on from the poses of a failed one.
-    persevering_patience : int
-        The patience of these separations.
     shrink, early_shrink, least_shrink : float
         Largest share by which a strip shrinks at a time, and the smallest ones: early in the search
         with all items, falling with the time that is left, and at its end.
@@ -183,6 +186,8 @@ class SearchSettings:
     passes_at_once: int = 5
     patience: int = 60
     exchange_patience: int = 15
+    most_patience: int = 240
+    patient_share: float = 0.01
     gain: float = 0.98
     precise_overlap: float = 1.0
     weight_growth: tuple[float, float] = (0.05, 0.2)
@@ -193,7 +198,6 @@ class SearchSettings:
     beginning_seconds: tuple[float, float] = (60.0, 1.0)
     most_beginnings: int = 10
     persevering: int = 5
-    persevering_patience: int = 240
     shrink: float = 0.04
     early_shrink: float = 0.01
     least_shrink: float = 0.0002

@@ -84,7 +84,8 @@ class StripSearch(NestSearch):
         assert start is not None
         boxes = self._boxes(self._target)
         later = self._later if is_disrupted else ()
-        attempt = Separation(self._task, start, boxes, settings.patience, later)
+        most = settings.most_patience if self._has_all else settings.patience
+        attempt = Separation(self._task, start, boxes, settings.patience, later, most)
         if is_disrupted:
             largest = self._items[: max(2, len(self._items) // 2)]
             i = int(self._choices.choice(largest))
