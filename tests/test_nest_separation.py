@@ -13,20 +13,24 @@ from packit_sim.parts.nesting import separation
 from packit_sim.parts.nesting.build import build
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.filling import loaded
-from packit_sim.parts.nesting.problem import boxes_of
+from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.nesting.strips import StripSearch
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
 
 
+def cubes(places: list[tuple[float, float, float]]) -> tuple[Problem, SearchTask, Poses]:
+    """Return unit cubes at places in a box with sides of 4."""
+    cube, n = creation.box((1, 1, 1)), len(places)
+    problem = build([ItemType("cube", cube.vertices, cube.faces)], 4.0, 0.0)
+    task = SearchTask(np.zeros(n, np.int64), np.ones(n), np.ones(n), ((4.0, 4.0, 4.0),))
+    return problem, task, Poses(np.ones(n, np.int64), np.zeros(n, np.int64), np.array(places))
+
+
 @pytest.mark.parametrize(("more", "overlaps"), [(0.0, False), (1e-12, False), (1e-6, True)])
 def test_what_rounding_leaves_of_a_margin_is_no_overlap(more, overlaps) -> None:
-    cube = creation.box((1, 1, 1))
-    problem = build([ItemType("cube", cube.vertices, cube.faces)], 4.0, 0.0)
-    task = SearchTask(np.zeros(2, np.int64), np.ones(2), np.ones(2), ((4.0, 4.0, 4.0),))
-    places = np.array([(1.0, 1.0, 1.0), (1.99, 1.0, 1.0)])
-    poses = Poses(np.ones(2, np.int64), np.zeros(2, np.int64), places)
+    problem, task, poses = cubes([(1.0, 1.0, 1.0), (1.99, 1.0, 1.0)])
     boxes = boxes_of(task.sizes)
     state = loaded(problem, task, poses, boxes)
     assert state.overlaps[0, 1] > 0.01
@@ -40,10 +44,7 @@ def test_an_attempt_gives_up_after_as_many_conflicts_without_an_overlap_as_its_p
     conflicts: int, is_apart: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The surfaces find one after the other, and what moves apart by distances has a gain."""
-    cube = creation.box((1, 1, 1))
-    problem = build([ItemType("cube", cube.vertices, cube.faces)], 4.0, 0.0)
-    task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((4.0, 4.0, 4.0),))
-    poses = Poses(np.ones(1, np.int64), np.zeros(1, np.int64), np.ones((1, 3)))
+    problem, task, poses = cubes([(1.0, 1.0, 1.0)])
     left = iter([1] * conflicts)
     monkeypatch.setattr(separation, "load", lambda *_: next(left, 0))
     monkeypatch.setattr(separation, "separate", lambda *_: 0.0)
@@ -57,10 +58,7 @@ def test_an_attempt_has_more_patience_as_long_as_it_takes_little_of_the_search(
     whole: int, expected: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without a gain: 60 passes, or as many as are 1% of the search, but at most 240."""
-    cube = creation.box((1, 1, 1))
-    problem = build([ItemType("cube", cube.vertices, cube.faces)], 4.0, 0.0)
-    task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((4.0, 4.0, 4.0),))
-    poses = Poses(np.ones(1, np.int64), np.zeros(1, np.int64), np.ones((1, 3)))
+    problem, task, poses = cubes([(1.0, 1.0, 1.0)])
     monkeypatch.setattr(separation, "separate", lambda *_: 0.5)
     attempt = Separation(task, poses, boxes_of(task.sizes), 60, most_patience=240)
     budget = SearchBudget(1.0, whole, 0.5, latest=1.0)
