@@ -272,31 +272,27 @@ def test_a_knapsack_begins_again_until_half_of_the_time_is_over(
 
 def test_a_strip_begins_again_each_minute_or_after_a_second_for_each_item() -> None:
     task = SearchTask(np.zeros(40, np.int64), np.ones(40), np.ones(40), ((1.0, 1.0, math.inf),))
-    planned = [nest_module._beginnings(task, t, False) for t in (1, 60, 119, 120, 300, 9000)]
-    assert [times for times, _ in planned] == [1, 1, 1, 2, 5, 10]
+    planned = [nest_module._beginnings(task, t) for t in (1, 60, 119, 120, 299)]
+    assert [times for times, _ in planned] == [1, 1, 1, 2, 4]
     assert all(settings == DEFAULT_SETTINGS for _, settings in planned)
     of_many = replace(task, volumes=np.ones(150))
-    assert nest_module._beginnings(of_many, 300, False) == (2, DEFAULT_SETTINGS)
+    assert nest_module._beginnings(of_many, 300) == (2, DEFAULT_SETTINGS)
 
 
-def test_a_long_search_for_a_strip_of_items_that_can_turn_perseveres() -> None:
+def test_a_long_search_for_a_strip_perseveres() -> None:
     task = SearchTask(np.zeros(40, np.int64), np.ones(40), np.ones(40), ((1.0, 1.0, math.inf),))
-    assert nest_module._beginnings(task, 299, True) == (4, DEFAULT_SETTINGS)
-    planned = [nest_module._beginnings(task, t, True) for t in (300, 599, 600, 9000)]
+    planned = [nest_module._beginnings(task, t) for t in (300, 599, 600, 9000)]
     assert [times for times, _ in planned] == [1, 1, 2, 10]
     for _, settings in planned:
         assert settings.patience == DEFAULT_SETTINGS.most_patience
         assert settings.restart_probability == 0
-    of_many = replace(task, volumes=np.ones(150))
-    assert nest_module._beginnings(of_many, 300, True) == (2, DEFAULT_SETTINGS)
 
 
 @pytest.mark.parametrize(
-    ("rotations", "goes_on", "perseveres"),
-    [("cube", False, True), ("fixed", False, False), ("cube", True, False)],
+    ("rotations", "goes_on"), [("cube", False), ("fixed", False), ("cube", True)]
 )
-def test_only_a_search_from_its_own_beginning_for_items_that_can_turn_perseveres(
-    rotations: str, goes_on: bool, perseveres: bool, monkeypatch: pytest.MonkeyPatch
+def test_only_a_search_from_its_own_beginning_perseveres(
+    rotations: str, goes_on: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[SearchSettings] = []
     constructed = strips.StripSearch._constructed
@@ -311,10 +307,8 @@ def test_only_a_search_from_its_own_beginning_for_items_that_can_turn_perseveres
     search = SearchSettings(beginning_seconds=(0.1, 0.0))
     settings = NestSettings(workers=1, search=search, start=start)
     check(nest(items, (3.1, 2.9, OPEN), time=0.5, settings=settings))
-    patience = search.most_patience if perseveres else search.patience
-    assert begun and {each.patience for each in begun} == {patience}
-    if goes_on or perseveres:
-        assert len(begun) == 1
+    assert len(begun) == 1
+    assert begun[0].patience == (search.patience if goes_on else search.most_patience)
 
 
 def test_a_strip_gets_lower_at_the_end_by_moves_of_all_its_items() -> None:

@@ -254,8 +254,7 @@ def nest(
     with search_workers(settings.workers, settings.backend, settings.address) as workers:
         times = 1
         if kind is StripSearch and settings.iterations is None and task.start is None:
-            can_turn = problems.get().allowed_counts[: len(types)].max() > 1
-            times, task.settings = _beginnings(task, time, can_turn)
+            times, task.settings = _beginnings(task, time)
         seeds = np.random.SeedSequence(seed).generate_state(times * workers.count, np.uint64)
         beginnings = [
             [kind(task, int(each)) for each in own] for own in seeds.reshape(times, workers.count)
@@ -277,12 +276,12 @@ def nest(
     return best
 
 
-def _beginnings(task: SearchTask, seconds: float, can_turn: bool) -> tuple[int, SearchSettings]:
+def _beginnings(task: SearchTask, seconds: float) -> tuple[int, SearchSettings]:
     """Return how often the search for a strip begins in so many seconds, and its settings then."""
     settings = task.settings
     least, for_item = settings.beginning_seconds
     times = seconds / max(least, for_item * task.count)
-    if can_turn and times >= settings.persevering:
+    if times >= settings.persevering:
         times /= settings.persevering
         patience = settings.most_patience
         settings = replace(settings, patience=patience, restart_probability=0.0)
