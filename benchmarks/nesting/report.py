@@ -74,12 +74,12 @@ other work on the machine does not count. The results of `fixed` and `axis-n` af
 version, but for Merged2, Merged4, and Example4 and Example5 of Stoyan et al. 2004 with `axis-4`.
 Those, and the results of two tasks in a strip with `cube`, of bins, of many library shapes, of
 built-in strips, of clearances and without parts of the search are of later ones, on a machine that
-is 2.5 times slower than all others, so that two tasks in a strip are shown after 150 s too. So are,
-after 600 s, those of `axis-2`, of Merged2, Merged4, and Example4 and Example5 of Stoyan et al. 2004
-and, with `fixed`, of Merged5, of Example1 to Example3 of Stoyan et al. 2004 and of Example3 of
-Stoyan et al. 2005. Most of the rest is older: searches of 600 s did not begin again each minute
-then. The latest change, more patience for strips of few items, is only in the results of Example2
-(2004) and Example3 (2005) with `fixed` after 600 s.
+is 2.5 times slower than all others, so that two tasks in a strip are shown after 150 s too. So are
+most results after 600 s. Only those of Merged1, Merged3, Experiment1 with `fixed`, Example1 and
+Example2 of Stoyan et al. 2005, and Example1 and Example2 of Stoyan et al. 2004 with `axis-4` are
+older: such searches neither began again each minute then nor persevered. Those of Example1 to
+Example3 of Stoyan et al. 2004 and of Example3 of Stoyan et al. 2005 with `fixed` began again each
+minute, where the present search perseveres.
 
 Of 35 published rows four are missing: their two instances (Lamas-Fernandez et al. 2022) are under
 other licences. Packings below the best that was published are in `benchmarks/records/`, in ESICUP's
