@@ -104,8 +104,8 @@ class SearchSettings:
     most_beginnings : int
         How often it begins at most; with more time, each search is longer.
     persevering : int
-        From the time of so many beginnings on, one search takes as long as so many and perseveres:
-        in long separations, of which each goes on from the poses of a failed one.
+        From the time of so many beginnings on, each search takes that time and perseveres: in long
+        separations, of which each goes on from the poses of a failed one.
     shrink, early_shrink, least_shrink : float
         Largest share by which a strip shrinks at a time, and the smallest ones: early in the search
         with all items, falling with the time that is left, and at its end.
