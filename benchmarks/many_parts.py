@@ -95,8 +95,8 @@ FIELDS = "cells: fields of pairs"
 WITHOUT: dict[str, dict[str, Any]] = {
     "nothing": {},
     FIELDS: {"most_fields": 10**9, "most_hollow_fields": 10**9},
-    "further constructions": {"constructing": 0.0},
-    "separations": {"constructing": 1.0},
+    "hardest items alone": {"first_construction": 0.0},
+    "separations": {"first_construction": 0.0, "constructing": 1.0},
     "settling": {"settling_steps": (0.0, 0.04)},
     "moves of all items at once": {"compacting_moves": 0},
 }
@@ -111,8 +111,8 @@ STEPS: dict[str, tuple[tuple[Any, str], ...]] = {
     "lowest places": ((Space, "lowest"), (Space, "put")),
     "samples of a construction": ((filling, "construct"),),
     "separation": ((cell_separation, "separate_cells"), (separation, "separate")),
-    "settling and lifting": ((cell_filling, "settle"), (cell_separation, "lift")),
-    "moves of all items at once": ((cell_strips, "compact"),),
+    "settling": ((cell_filling, "settle"),),
+    "moves of all items at once": ((cell_strips, "compacted"),),
 }
 """The functions in which the time goes, by what they do."""
 

@@ -16,6 +16,7 @@ from packit_sim.parts.nesting import cells as cells_module
 from packit_sim.parts.nesting.build import build, have_many_fields
 from packit_sim.parts.nesting.cell_filling import cell_side, filled_cells
 from packit_sim.parts.nesting.cell_orders import hardest_first, most_valuable_first
+from packit_sim.parts.nesting.cell_separation import CellSeparation
 from packit_sim.parts.nesting.cell_separation_kernels import CellState, put_on_grid
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.cells import Cells, Space, cells_of, least_side
@@ -24,8 +25,8 @@ from packit_sim.parts.nesting.limits import ItemLimits
 from packit_sim.parts.nesting.placement_kernels import SIDES, cover, inner_cubes, update_windows
 from packit_sim.parts.nesting.problem import Problem, boxes_of, state_of
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS
-from packit_sim.parts.nesting.settling_kernels import count_conflicts, lift
-from packit_sim.parts.nesting.tasks import CLOCKS, Poses, SearchTask
+from packit_sim.parts.nesting.settling_kernels import count_conflicts
+from packit_sim.parts.nesting.tasks import CLOCKS, Poses, SearchBudget, SearchTask, Solution
 from packit_sim.parts.nesting.voxel_sets import placed_voxels, voxelized
 
 SIDE = 0.21
@@ -275,25 +276,59 @@ def test_shared_cells_are_counted() -> None:
                 assert grid.shared[i, j] == grid.shared[j, i] == shared
 
 
-def test_items_are_lifted_until_they_are_apart_and_others_stay() -> None:
-    types = shapes(12)
-    problem = build(types, 6.0, 0.0, by_cells=True, has_fields=False)
+def test_only_items_that_are_inside_are_separated() -> None:
+    types = shapes(20)
+    problem = build(types, 4.0, 0.0, by_cells=True, has_fields=False)
     count = len(types)
-    task = SearchTask(np.arange(count), np.ones(count), np.ones(count), ((6.0, 6.0, math.inf),))
-    boxes = boxes_of([task.size])
-    places = np.random.default_rng(3).uniform(0, (4.0, 4.0, 5.0), (count, 3))
-    state = loaded(problem, task, Poses(np.ones(count), np.zeros(count, int), places), boxes)
-    assert count_conflicts(problem, state) > 5
-    order = np.argsort(state.bounds[:, 2], kind="stable")
-    before = state.places.copy()
+    size = 3.6, 3.6, math.inf
+    task = SearchTask(np.arange(count), np.ones(count), np.ones(count), (size,), BY_CELLS)
+    boxes = boxes_of([(3.6, 3.6, 5.0)])
+    places = np.random.default_rng(3).uniform(1.5, 2.1, (count, 3))
+    inside = (np.arange(count) % 2).astype(np.uint8)
+    start = Poses(inside, np.zeros(count, int), places)
+    state = loaded(problem, task, start, boxes)
+    assert count_conflicts(problem, state) > 0
+    attempt = CellSeparation(task, Solution((5.0,), start, boxes), SIDE, 0)
     rng = np.array([1], np.uint64)
-    lift(problem, state, boxes, order, 0.01, 8, rng)
-    assert count_conflicts(problem, state) == 0
-    assert state.inside.all() and (state.bounds[:, 2] >= -0.01).all()
-    assert np.array_equal(state.places[order[0]], before[order[0]])
-    before = state.places.copy()
-    lift(problem, state, boxes, order, 0.01, 8, rng)
-    assert np.array_equal(state.places, before)
+    assert attempt.advance(problem, rng, SearchBudget(1, passes=1), True) is None
+    assert attempt.least is start
+    assert attempt.advance(problem, rng, SearchBudget(1, passes=2000), True)
+    assert np.array_equal(attempt.least.inside, inside)
+    assert np.array_equal(attempt.least.places[::2], places[::2])
+    assert count_conflicts(problem, loaded(problem, task, attempt.least, boxes)) == 0
+
+
+def test_an_attempt_in_too_little_space_fails_and_keeps_all_items() -> None:
+    types = shapes(6)
+    problem = build(types, 4.0, 0.0, by_cells=True, has_fields=False)
+    count = len(types)
+    task = SearchTask(
+        np.arange(count), np.ones(count), np.ones(count), ((4.0, 4.0, math.inf),), BY_CELLS
+    )
+    start = Poses(np.ones(count, np.uint8), np.zeros(count, int), np.ones((count, 3)))
+    attempt = CellSeparation(task, Solution((2.0,), start, boxes_of([(4, 4, 2)])), SIDE, 8)
+    rng = np.array([1], np.uint64)
+    assert attempt.advance(problem, rng, SearchBudget(1, passes=2000), True) is False
+    assert attempt.least.inside.all()
+
+
+def test_the_hardest_items_are_arranged_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+    begun = CellSeparation.__init__
+
+    def note(self: CellSeparation, task: SearchTask, start: Solution, *given: Any) -> None:
+        counts.append(int(start.poses.inside.sum()))
+        begun(self, task, start, *given)
+
+    monkeypatch.setattr(CellSeparation, "__init__", note)
+    types = shapes(24)
+    settings = NestSettings(workers=1, iterations=400, search=BY_CELLS)
+    packing = nest(types, (4.4, 4.2, math.inf), settings=settings)
+    assert packing.problems() == [] and not any(packing.left_out)
+    assert sorted(set(counts)) == [6, 12, 24] and counts == sorted(counts)
+    counts.clear()
+    later = nest(types, (4.4, 4.2, math.inf), settings=replace(settings, start=packing))
+    assert later.height <= packing.height * (1 + 1e-9) and set(counts) == {24}
 
 
 @pytest.mark.parametrize("clearance", [0.0, 0.08])

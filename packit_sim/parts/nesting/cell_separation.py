@@ -14,9 +14,7 @@ from packit_sim.parts.nesting.cell_separation_kernels import (
     separate_cells,
 )
 from packit_sim.parts.nesting.cells import Cells, cells_of
-from packit_sim.parts.nesting.filling import loaded
-from packit_sim.parts.nesting.problem import Problem, State, boxes_of
-from packit_sim.parts.nesting.settling_kernels import lift
+from packit_sim.parts.nesting.problem import Problem, State
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
 
@@ -26,24 +24,26 @@ class CellSeparation:
     Parameters
     ----------
     start : Solution
-        The poses to begin with, and their height.
+        The poses to begin with, and their height; only items that are inside are moved.
     side : float
         The side of a cell.
-    more : int
-        Cells by which the strip may be higher; below 0: by which it is lower.
+    less : int
+        Cells by which the strip is lower; below 0: by which it may be higher.
 
     Attributes
     ----------
     least : Poses
-        Poses without conflicts, once `advance` has returned True.
+        The poses of least overlap; those at first until `advance` returns True or False.
     """
 
-    def __init__(self, task: SearchTask, start: Solution, side: float, more: int) -> None:
+    def __init__(self, task: SearchTask, start: Solution, side: float, less: int) -> None:
         self.least = start.poses
-        self._task = task
-        self._height = start.score[0]
+        self._inside = np.flatnonzero(start.poses.inside)
+        self._task = task.only(self._inside[self._inside < task.count])
+        self._own = start.poses.only(self._inside)
+        self._before = start.score[0]
         self._side = side
-        self._more = more
+        self._cells = math.ceil(self._before / side) - less
         self._overlap = math.inf
         self._idle = 0
         self._begun: tuple[State, CellState, Ints] | None = None
@@ -55,7 +55,7 @@ class CellSeparation:
         budget: SearchBudget,
         is_precise: bool,
     ) -> bool | None:
-        """Continue as `search.Attempt.advance` says; items that stay in conflict are lifted."""
+        """Continue as `search.Attempt.advance` says."""
         settings = self._task.settings
         cells = cells_of(problem, self._side)
         if self._begun is None:
@@ -73,20 +73,19 @@ class CellSeparation:
             is_gain = overlap < settings.gain * self._overlap
             self._idle = 0 if is_gain else self._idle + passes
             if overlap < self._overlap:
-                self._overlap, self.least = overlap, Poses.of(state)
-        self.least = self._lifted(problem, rng)
-        return True
+                self._overlap, self._own = overlap, Poses.of(state)
+        self.least = self.least.moved(self._inside, self._own)
+        return self._overlap == 0
 
     def on_grid(self, cells: Cells) -> tuple[State, CellState, Ints]:
         """Return the poses on the grid, in a strip that is as high as it may be."""
         task = self._task
-        height = math.ceil(self._height / cells.side) + self._more
         wide = [int(side / cells.side + 1e-9) for side in task.size[:2]]
-        size = np.array([*wide, height], np.int64) + 2 * cells.margin
+        size = np.array([*wide, self._cells], np.int64) + 2 * cells.margin
         state = task.state(has_weights=False)
         state.inside[:] = 1
-        state.turned[:] = self.least.turned
-        state.places[:] = self.least.places
+        state.turned[:] = self._own.turned
+        state.places[:] = self._own.places
         n = len(state.types)
         grid = CellState(
             np.full(3, -cells.margin * cells.side),
@@ -97,17 +96,7 @@ class CellSeparation:
             np.zeros(n, np.float32),
             np.zeros(n, np.uint8),
         )
-        places = self.least.places.copy()
-        places[: task.count, 2] *= height * cells.side / self._height
+        places = self._own.places.copy()
+        places[: task.count, 2] *= self._cells * cells.side / self._before
         put_on_grid(cells, state, grid, places, size)
         return state, grid, size
-
-    def _lifted(self, problem: Problem, rng: npt.NDArray[np.uint64]) -> Poses:
-        """Return the poses of least overlap, after items that are in conflict were lifted."""
-        task = self._task
-        state = loaded(problem, task, self.least, boxes_of([task.size]))
-        order = np.argsort(state.bounds[: task.count, 2], kind="stable")
-        step = task.settings.settling_steps[1] * self._side
-        tries = 4 * task.settings.settling_tries
-        lift(problem, state, boxes_of([task.size]), order, step, tries, rng)
-        return Poses.of(state)

@@ -45,13 +45,20 @@ class SearchSettings:
     most_cells : float
         Most cells of a box, times the root of the number of items.
     constructing : float
-        Share of the search after which a strip of cells is not constructed again, in smaller ones.
+        Share of the search after which a strip of cells is not constructed again, in smaller ones,
+        and after which all its items are arranged.
+    first_construction : float
+        Largest share of the search that the first construction may take for the hardest items to
+        be arranged alone, instead of further constructions.
+    first_arranged : tuple of float
+        Shares of the items that are arranged alone, one after the other.
     cell_samples : tuple of int
         Samples of a move on the grid of cells, near the item and in the whole box.
     cell_patience : int
         Passes without a gain after which a separation of cells gives up.
     cell_failures : int
-        Separations of cells without a gain after which cells become smaller.
+        Separations of cells without a gain after which more items are arranged, or cells become
+        smaller.
     smaller_cells : float
         Factor of their side then.
     settling_steps : tuple of float
@@ -169,10 +176,12 @@ class SearchSettings:
     finest_cells: int = 66
     most_cells: float = 500_000
     constructing: float = 0.6
+    first_construction: float = 0.1
+    first_arranged: tuple[float, ...] = (0.25, 0.5)
     cell_samples: tuple[int, int] = (15, 15)
     cell_patience: int = 150
     cell_failures: int = 3
-    smaller_cells: float = 0.6
+    smaller_cells: float = 0.7
     settling_steps: tuple[float, float] = (1.0, 0.04)
     settling_tries: int = 4
     settling_sweeps: int = 3

@@ -1,14 +1,13 @@
-"""Kernels that lower, lift or slide items by steps that the surfaces allow, and count conflicts.
+"""Kernels that lower or slide items by steps that the surfaces allow, and count conflicts.
 
 Settling takes out the space that a grid of cells leaves: items go down by steps, straight or also
 aside, each of which `in_conflict` finds free at its end. A step may pass through others: a packing
-is what counts, not the way to it. Steps shrink until they gain nothing. Lifting
-puts items in again, the lowest first, at a free place near their own or above. Both are our own.
+is what counts, not the way to it. Steps shrink until they gain nothing. This is our own.
 
 Sliding moves items along one axis until their centre of gravity is where it is wanted.
 
 Invariants: items that are free of conflicts stay so when they settle or slide, and none gets higher
-when they settle; after a lift there is no conflict.
+when they settle.
 """
 
 from __future__ import annotations
@@ -18,13 +17,10 @@ import numpy as np
 from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.parts.nesting.cost_kernels import list_near_pose, offset
 from packit_sim.parts.nesting.overlap_kernels import in_conflict
-from packit_sim.parts.nesting.pose_kernels import apart, clamp, put, random, take_out
+from packit_sim.parts.nesting.pose_kernels import apart, clamp, put, random
 
 LEAST = 0.2
 """Share of the last step by which a step must be lower: at the floor nothing is tried."""
-
-STRIDE = 1.25
-"""Factor from one height to the next of an item that is lifted."""
 
 
 @kernel
@@ -84,49 +80,6 @@ def settle(problem, state, boxes, order, first, last, tries, rng):
             total += start - place[2]
             put(lookup, state, i, o, place)
     return total
-
-
-@kernel
-def lift(problem, state, boxes, order, first, tries, rng):
-    """Raise items that are in conflict with lower ones, until none is: the opposite of `settle`.
-
-    Parameters
-    ----------
-    state : State
-        Poses of all items, inside; changed.
-    boxes : ndarray
-        (b, 4) float64, the boxes, of infinite height.
-    order : ndarray
-        (n,) int64, the items, the lowest first.
-    first : float
-        The first step; each is longer than the one before.
-    tries : int
-        Random places that are tried at each height, in a cube about the item's own.
-    rng : ndarray
-        (1,) uint64, the state of the generator.
-    """
-    for i in order:
-        take_out(state, i)
-    p = np.empty(3)
-    for i in order:
-        a, o = state.types[i], state.turned[i]
-        place = state.places[i].copy()
-        up = 0.0
-        blocking = -1
-        while not state.inside[i]:
-            for n in range(1 + tries):
-                for d in range(3):
-                    p[d] = place[d] + up * (2 * random(rng) - 1)
-                if n == 0:
-                    p[:] = place
-                    p[2] += up
-                clamp(problem.lookup, a, o, p, boxes)
-                found = _blocking(problem, state, i, o, p, blocking)
-                if found < 0:
-                    put(problem.lookup, state, i, o, p)
-                    break
-                blocking = found
-            up = max(first, STRIDE * up)
 
 
 @kernel

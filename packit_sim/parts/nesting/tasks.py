@@ -137,6 +137,16 @@ class Poses:
         now[items] = inside
         return Poses(now, self.turned, self.places)
 
+    def only(self, items: Ints) -> Poses:
+        """Return the poses of some items."""
+        return Poses(self.inside[items], self.turned[items], self.places[items])
+
+    def moved(self, items: Ints, poses: Poses) -> Poses:
+        """Return the same poses but for those of some items."""
+        inside, turned, places = self.inside.copy(), self.turned.copy(), self.places.copy()
+        inside[items], turned[items], places[items] = poses.inside, poses.turned, poses.places
+        return Poses(inside, turned, places)
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -216,6 +226,12 @@ class SearchTask:
     def state(self, has_weights: bool = True) -> State:
         """Return a state of all items at the origin (see `state_of`)."""
         return state_of(self.numbers.tolist(), self.count, has_weights)
+
+    def only(self, items: Ints) -> SearchTask:
+        """Return the task of some of the items, without limits and poses to begin with."""
+        numbers = np.concatenate((self.numbers[items], self.numbers[self.count :]))
+        own = numbers, self.volumes[items], self.values[items], self.sizes
+        return SearchTask(*own, self.settings, self.obstacles)
 
     def addable(self, inside: Ints, items: Ints) -> Ints:
         """Return those items, in their order, that the limits allow besides those inside."""
