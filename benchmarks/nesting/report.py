@@ -77,7 +77,7 @@ built-in strips, of clearances and without parts of the search are of later ones
 is 2.5 times slower than all others, so that two tasks in a strip are shown after 150 s too. So are
 most results after 600 s. Only those of Merged1, Merged3, Experiment1 with `fixed`, Example1 and
 Example2 of Stoyan et al. 2005, and Example1 and Example2 of Stoyan et al. 2004 with `axis-4` are
-older: such searches neither began again each minute then nor persevered. Those of Example1 to
+older: such searches neither began again each minute then nor persevered. Those of Example2 and
 Example3 of Stoyan et al. 2004 and of Example3 of Stoyan et al. 2005 with `fixed` began again each
 minute, where the present search perseveres.
 
