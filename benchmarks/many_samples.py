@@ -68,9 +68,9 @@ def separation(count: int) -> tuple[Problem, Cells, CellSeparation]:
     poses = filled_cells(problem, task, task.unplaced, boxes, order, rng)
     height = float(tops(problem, task, poses).max())
     cells = cells_of(problem, cell_side(problem, task))
-    lower = -math.ceil(LOWER * height / cells.side)
+    less = math.ceil(LOWER * height / cells.side)
     solution = Solution((height,), poses, boxes)
-    return problem, cells, CellSeparation(task, solution, cells.side, lower)
+    return problem, cells, CellSeparation(task, solution, cells.side, less)
 
 
 def measured(problem: Problem, cells: Cells, attempt: CellSeparation) -> tuple[int, float]:

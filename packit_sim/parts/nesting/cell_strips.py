@@ -145,10 +145,10 @@ class CellStripSearch(NestSearch):
     def _take(self, problem: Problem, solution: Solution) -> None:
         """Go on from a strip of the items that are arranged now, if it is lower."""
         assert self._current is not None
-        if solution.score < self._current.score:
+        if self._has_all:
+            self._offer(problem, solution)
+        elif solution.score < self._current.score:
             self._current = solution
-            if self._has_all:
-                self._offer(problem, solution)
 
     def _compact(self, problem: Problem) -> None:
         """Move all items of the lowest strip at once, which single ones did not make lower."""
