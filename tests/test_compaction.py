@@ -13,7 +13,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.nesting import compaction
 from packit_sim.parts.nesting.build import build
 from packit_sim.parts.nesting.cell_filling import filled_cells, settle_all
-from packit_sim.parts.nesting.compaction import compact
+from packit_sim.parts.nesting.compaction import SHAKEN, compact, shaken
 from packit_sim.parts.nesting.filling import loaded
 from packit_sim.parts.nesting.problem import boxes_of
 from packit_sim.parts.nesting.settling_kernels import count_conflicts
@@ -110,3 +110,27 @@ def test_a_linear_program_ends_in_time_and_moves_nothing_then(monkeypatch) -> No
     compact(problem, task, state, 1)
     assert 0 < limits[0] <= 5 and limits[1] == math.inf
     assert state.places[0].tolist() == [1.0, 1.0, 3.0]
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.08])
+def test_a_strip_that_is_shaken_is_another_one_without_a_conflict_and_no_higher(
+    clearance: float,
+) -> None:
+    problem = build(shapes(18), 4.4, clearance, by_cells=True, has_fields=False)
+    task = SearchTask(np.arange(18), np.ones(18), np.ones(18), ((4.4, 4.2, math.inf),))
+    boxes, choices = boxes_of([task.size]), np.random.default_rng(3)
+    rng = np.array([1], np.uint64)
+    poses = filled_cells(problem, task, task.unplaced, boxes, np.arange(18), rng)
+    poses.places[:, 2] *= 1.1  # space between layers
+    height = loaded(problem, task, poses, boxes).bounds[:18, 5].max()
+    ways = []
+    for _ in range(6):
+        new = shaken(problem, task, poses, boxes, choices, None)
+        state = loaded(problem, task, new, boxes)
+        assert count_conflicts(problem, state) == 0
+        assert state.bounds[:18, 5].max() <= height + 1e-6
+        ways.append(np.abs(new.places - poses.places))
+        assert ways[-1].max() <= SHAKEN[1] * 4.4 + 1e-9
+        poses = new
+    assert max(way.max() for way in ways) > 0.5 * SHAKEN[1] * 4.4 / 2
+    assert sum((way.max(axis=1) > 0).all() for way in ways) >= 4

@@ -35,7 +35,7 @@ from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.nesting import knapsacks, rounds, strips
+from packit_sim.parts.nesting import bins, filling, knapsacks, rounds, strips
 from packit_sim.parts.nesting import nest as nest_module
 from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.nesting.problem import Problem
@@ -43,6 +43,7 @@ from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.nesting.tasks import CLOCKS, Poses, SearchBudget, SearchTask, Solution
 from packit_sim.parts.packings.checked_items import tolerance
 from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.rotation_sets import matrices
 
 OPEN = math.inf
@@ -291,7 +292,7 @@ def test_a_long_search_for_a_strip_perseveres() -> None:
 @pytest.mark.parametrize(
     ("rotations", "goes_on"), [("cube", False), ("fixed", False), ("cube", True)]
 )
-def test_only_a_search_from_its_own_beginning_perseveres(
+def test_a_long_search_has_one_beginning_and_perseveres(
     rotations: str, goes_on: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[SearchSettings] = []
@@ -308,12 +309,13 @@ def test_only_a_search_from_its_own_beginning_perseveres(
     settings = NestSettings(workers=1, search=search, start=start)
     check(nest(items, (3.1, 2.9, OPEN), time=0.5, settings=settings))
     assert len(begun) == 1
-    assert begun[0].patience == (search.patience if goes_on else search.most_patience)
+    assert begun[0].patience == search.most_patience
 
 
 def test_a_strip_gets_lower_at_the_end_by_moves_of_all_its_items() -> None:
     def height(moves: int) -> float:
-        settings = replace(quick(100), search=SearchSettings(finishing_moves=moves))
+        search = SearchSettings(finishing_moves=moves, finishing_shakes=0)
+        settings = replace(quick(100), search=search)
         packing = nest(mixed("cube"), (3.1, 2.9, OPEN), settings=settings)
         check(packing)
         return packing.height
@@ -337,7 +339,8 @@ def test_a_limit_of_passes_limits_the_moves_at_the_end_of_a_strip_too(
 
     monkeypatch.setattr(strips, "compacted", noted)
     check(nest(mixed("cube"), (3.1, 2.9, OPEN), settings=quick(passes)))
-    assert asked == [moves]
+    shakes = math.ceil(DEFAULT_SETTINGS.finishing[0] * passes) - moves
+    assert asked == [moves] * (1 + shakes)
 
 
 def test_an_interruption_at_the_end_of_a_strip_stops_all_and_keeps_it(
@@ -359,6 +362,7 @@ def test_time_is_left_for_the_end_of_a_strip() -> None:
     left = [rounds._left_over(each, 10.0, DEFAULT_SETTINGS) for each in searches]
     assert left == [pytest.approx(1.0), 0]
     assert rounds._left_over(searches[0], 60.0, DEFAULT_SETTINGS) == 1.5
+    assert rounds._left_over(searches[0], 600.0, DEFAULT_SETTINGS) == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize("kind", ["strip", "knapsack"])
@@ -622,6 +626,42 @@ def test_a_search_begins_with_a_former_packing(objective, size) -> None:
         p.matrix.tobytes() for p in first[0].placements
     }
     assert kept and len(kept) < len(former.placements)
+
+
+@pytest.mark.parametrize(
+    ("objective", "size"),
+    [("strip", (3, 3, OPEN)), ("knapsack", (2.5, 2.5, 2.5)), ("bins", (2.2, 2.2, 2.2))],
+)
+@pytest.mark.parametrize("sinks", [False, True])
+def test_a_valid_packing_to_begin_with_stays_whole(
+    objective, size, sinks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For the search, its items may be in conflict; those of an invalid one are placed again."""
+    former = nest(mixed("cube"), size, objective, settings=quick(60))
+    if sinks:
+        first, *others = former.placements
+        moved = Placement.from_matrix(first.type, others[0].matrix, others[0].box)
+        former = replace(former, placements=(moved, *others))
+    asked: list[tuple[Poses, Poses]] = []
+
+    def without_first(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) -> Poses:
+        left = poses.changed(np.flatnonzero(poses.inside)[:1], 0)
+        asked.append((poses, left))
+        return left
+
+    starts: list[Poses | None] = []
+    constructed = filling.constructed
+
+    def noted(problem: Problem, task: SearchTask, *others: Any, **named: Any) -> Poses:
+        starts.append(task.start)
+        return constructed(problem, task, *others, **named)
+
+    monkeypatch.setattr(nest_module, "repaired", without_first)
+    for module in (strips, knapsacks, bins):
+        monkeypatch.setattr(module, "constructed", noted)
+    check(nest(mixed("cube"), size, objective, settings=replace(quick(1), start=former)))
+    whole, left = asked[0]
+    assert starts[0] is (left if sinks else whole)
 
 
 def test_nothing_is_put_into_a_closed_body_but_into_an_open_one() -> None:

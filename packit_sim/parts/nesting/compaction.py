@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import coo_matrix
@@ -39,6 +41,9 @@ CUTS = 16
 AT_ONCE = 25
 """Pairs that are asked about between two looks at the clock."""
 
+SHAKEN = 3e-4, 2e-2
+"""Least and longest way of an item that is shaken, as such shares."""
+
 SHARES = 0.5, 0.25, 0.1
 """Shares of ways that are tried if they lead into conflicts in spite of all planes."""
 
@@ -55,6 +60,30 @@ def compacted(
     state = loaded(problem, task, poses, boxes)
     compact(problem, task, state, moves, budget)
     return Poses.of(state)
+
+
+def shaken(
+    problem: Problem,
+    task: SearchTask,
+    poses: Poses,
+    boxes: Floats,
+    choices: np.random.Generator,
+    budget: SearchBudget | None,
+) -> Poses:
+    """Return the poses of a strip after all its items have moved at once, in random directions.
+
+    It is as high as before, or lower, and other moves may lower it then.
+    """
+    state = loaded(problem, task, poses, boxes)
+    reach = math.exp(choices.uniform(*np.log(SHAKEN))) * max(task.size[:2])
+    aims = choices.normal(size=(task.count, 3))
+    _move(problem, state, _ways(problem, task, state, reach, budget, aims))
+    return Poses.of(state)
+
+
+def _move(problem: Problem, state: State, ways: Floats) -> None:
+    for i in np.flatnonzero(ways.any(axis=1)).tolist():
+        put(problem.lookup, state, i, state.turned[i], state.places[i] + ways[i])
 
 
 def compact(
@@ -83,9 +112,7 @@ def compact(
     count = task.count
     for _ in range(moves):
         before = state.bounds[:count, 5].max()
-        ways = _ways(problem, task, state, reach, budget)
-        for i in np.flatnonzero(ways.any(axis=1)).tolist():
-            put(problem.lookup, state, i, state.turned[i], state.places[i] + ways[i])
+        _move(problem, state, _ways(problem, task, state, reach, budget))
         if state.bounds[:count, 5].max() > before * (1 - ENOUGH):
             reach /= 2
         if reach < LEAST_REACH * max(task.size[:2]) or _is_late(budget):
@@ -102,8 +129,12 @@ def _ways(
     state: State,
     reach: float,
     budget: SearchBudget | None,
+    aims: Floats | None = None,
 ) -> Floats:
-    """Return ways (n, 3) of all items that lead to no conflict: of length 0 if it is late."""
+    """Return ways (n, 3) of all items that lead to no conflict: of length 0 if it is late.
+
+    They lower the strip, or go in the directions of aims (n, 3) at the same height.
+    """
     width = max(task.size[:2])
     margins = STEP * width, (CELLS_MARGIN if problem.by_cells else MARGIN) * width
     pairs = _near(state, reach, task.count)
@@ -135,7 +166,7 @@ def _ways(
     rows, limits = pairs[has_plane], planes[has_plane]
     for _ in range(CUTS):
         seconds = np.inf if budget is None else budget.seconds_left
-        ways[: task.count] = _solved(problem, task, state, reach, rows, limits, seconds)
+        ways[: task.count] = _solved(problem, task, state, reach, rows, limits, seconds, aims)
         found, cuts = blocked(ways)
         if _is_late(budget):
             return 0 * ways
@@ -167,6 +198,7 @@ def _solved(
     pairs: Ints,
     planes: Floats,
     seconds: float,
+    aims: Floats | None,
 ) -> Floats:
     """Return the ways (n, 3) of the movable items that solve the linear program, 0 if late.
 
@@ -192,17 +224,20 @@ def _solved(
         np.concatenate([np.ravel(entry[k]) for entry in entries]) for k in range(3)
     )
     matrix = coo_matrix((values, (in_rows, in_columns)), (m + n, 3 * n + 1)).tocsr()
-    cost = np.empty((n, 3))
-    cost[:, :2] = ASIDE / n * np.random.default_rng(0).uniform(-1, 1, (n, 2))
-    cost[:, 2] = LOW / n
+    if aims is None:
+        cost, top, weight = np.empty((n, 3)), np.inf, 1.0
+        cost[:, :2] = ASIDE / n * np.random.default_rng(0).uniform(-1, 1, (n, 2))
+        cost[:, 2] = LOW / n
+    else:
+        cost, top, weight = -aims, float(high[:, 2].max()), 0.0
     least = np.clip(-low, -reach, 0)
     most = np.full((n, 3), reach)
     most[:, :2] = np.clip(np.array(task.size[:2]) - high[:, :2], 0, reach)
     found = linprog(
-        np.append(cost, 1.0),
+        np.append(cost, weight),
         matrix,
         np.concatenate((-planes[:, 3], -high[:, 2])),
-        bounds=np.stack((np.append(least, 0), np.append(most, np.inf)), axis=1),
+        bounds=np.stack((np.append(least, 0), np.append(most, top)), axis=1),
         method="highs",
         options={"time_limit": seconds},
     )

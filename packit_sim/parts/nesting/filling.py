@@ -67,9 +67,7 @@ def constructed(
         The poses; items for which there is no place are not inside.
     """
     boxes = boxes_of(sizes)
-    poses = task.unplaced
-    if task.start is not None:
-        poses = repaired(problem, task, task.start, boxes)
+    poses = task.start or task.unplaced
     if order is None:
         order = hardest_first(problem, task) if problem.by_cells else task.order
     if problem.by_cells:

@@ -24,6 +24,7 @@ from packit_sim.parts.nesting.bins import BinsSearch
 from packit_sim.parts.nesting.build import SLACK, have_many_fields
 from packit_sim.parts.nesting.cell_strips import CellStripSearch
 from packit_sim.parts.nesting.copies import CopiesSearch
+from packit_sim.parts.nesting.filling import repaired
 from packit_sim.parts.nesting.knapsacks import KnapsackSearch
 from packit_sim.parts.nesting.lattices import has_copies, lattice_poses
 from packit_sim.parts.nesting.limits import ItemLimits
@@ -234,16 +235,25 @@ def nest(
             raise ArgumentError(f"a balance is for the objective 'knapsack', not {objective!r}")
         turns, own = problems.get().lookup.turns, task.numbers[: task.count]
         task.balance = settings.balance.of_items(types, turns, own, task.size)
+
+    def problems_of(packing: Packing) -> list[str]:
+        return replace(packing, types=checked_types, clearance=kept).problems()
+
     if settings.start is not None:
-        task.start = _poses(settings.start, problems.get(), task, empty)
-    elif objective != "bins":
-        task.start = lattice_poses(problems.get(), task)
+        poses, boxes = _poses(settings.start, problems.get(), task, empty)
+        task.start = repaired(problems.get(), task, poses, boxes)
+        # For the search, items that touch may be in conflict, and those of a packing made so low.
+        if task.start.inside.sum() < poses.inside.sum():
+            first = _packing(problems.get(), task, Solution((), poses, boxes), empty)
+            task.start = task.start if problems_of(first) else poses
+    elif objective != "bins" and (lattice := lattice_poses(problems.get(), task)) is not None:
+        task.start = repaired(problems.get(), task, lattice, boxes_of([task.size]))
     if kind is KnapsackSearch and has_copies(task) and not task.is_limited:
         kind = CopiesSearch
 
     def checked(solution: Solution) -> Packing | None:
         packing = _packing(problems.get(), task, solution, empty)
-        found = replace(packing, types=checked_types, clearance=kept).problems()
+        found = problems_of(packing)
         if objective != "knapsack" and any(packing.left_out):
             found.append("not all items are placed")
         if found:
@@ -253,7 +263,7 @@ def nest(
     best: Packing | None = None
     with search_workers(settings.workers, settings.backend, settings.address) as workers:
         times = 1
-        if kind is StripSearch and settings.iterations is None and task.start is None:
+        if kind is StripSearch and settings.iterations is None:
             times, task.settings = _beginnings(task, time)
         seeds = np.random.SeedSequence(seed).generate_state(times * workers.count, np.uint64)
         beginnings = [
@@ -285,7 +295,8 @@ def _beginnings(task: SearchTask, seconds: float) -> tuple[int, SearchSettings]:
         times /= settings.persevering
         patience = settings.most_patience
         settings = replace(settings, patience=patience, restart_probability=0.0)
-    return int(min(max(times, 1), settings.most_beginnings)), settings
+    most = settings.most_beginnings if task.start is None else 1
+    return int(min(max(times, 1), most)), settings
 
 
 def _body(item_type: ItemType, distance: float, tolerance: float) -> ItemType:
@@ -354,8 +365,13 @@ def _limits(given: Sequence[tuple[Sequence[float], float]], empty: Packing) -> I
     return ItemLimits(table.repeat(demands, axis=1), np.array([most for _, most in given], float))
 
 
-def _poses(start: Packing, problem: Problem, task: SearchTask, empty: Packing) -> Poses:
-    """Return the poses of an earlier packing; items that can't have them are not inside."""
+def _poses(
+    start: Packing, problem: Problem, task: SearchTask, empty: Packing
+) -> tuple[Poses, Floats]:
+    """Return the poses of an earlier packing, and its boxes (see `boxes_of`).
+
+    Items that can't have their poses are not inside.
+    """
     if len(task.sizes) > 1:
         raise ArgumentError("a packing to begin with is not possible with boxes of several sizes")
     names = [each.digest for each in empty.types]
@@ -377,7 +393,7 @@ def _poses(start: Packing, problem: Problem, task: SearchTask, empty: Packing) -
         poses.places[i] = placement.apply(centre)
         poses.places[i, 0] += boxes[placement.box, 0]
         poses.inside[i] = 1
-    return poses
+    return poses, boxes
 
 
 def _item_types(items: Sequence[ItemType | Item | Path | str]) -> tuple[ItemType, ...]:

@@ -292,7 +292,8 @@ def _score(solution: Solution) -> tuple[float, ...]:
 
 def _left_over(searches: list[NestSearch], seconds: float, settings: SearchSettings) -> float:
     """Return how many of the seconds are for finishing the best solutions after the last round."""
-    share, most = settings.finishing
+    share, most, long_share = settings.finishing
+    most = max(most, long_share * seconds)
     return min(share * seconds, most) if searches[0].finishes else 0.0
 
 

@@ -70,8 +70,12 @@ class SearchSettings:
     compacting_moves, finishing_moves : int
         Most moves of all items of a strip at once: of items as cells after they have settled, and
         at the end of another search.
+    finishing_shakes : int
+        How often they are tried again at the end of another search, each time after all items have
+        moved in random directions.
     finishing : tuple of float
-        Time for the latter: a share of the search or of its passes, and the most seconds.
+        Time for what is done at the end of a search: a share of it or of its passes, and the most
+        seconds, or a share of a long search.
     construction_samples : int
         Samples for each item of a construction.
     construction_seconds : float
@@ -187,7 +191,8 @@ class SearchSettings:
     settling_sweeps: int = 3
     compacting_moves: int = 3
     finishing_moves: int = 10
-    finishing: tuple[float, float] = (0.1, 1.5)
+    finishing_shakes: int = 20
+    finishing: tuple[float, float, float] = (0.1, 1.5, 0.01)
     construction_samples: int = 150
     construction_seconds: float = 5.0
     constructed_again: int = 256

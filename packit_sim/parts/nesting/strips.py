@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.nesting.compaction import compacted
+from packit_sim.parts.nesting.compaction import compacted, shaken
 from packit_sim.parts.nesting.filling import (
     constructed,
     filled,
@@ -55,11 +55,17 @@ class StripSearch(NestSearch):
 
     def finished(self, problem: Problem, budget: SearchBudget) -> Solution | None:
         """Return the lowest strip after moves of all its items at once; each takes a pass."""
-        best = self.best
+        best, settings = self.best, self._task.settings
         if best is None or self.is_done or not best.poses.inside.all():
             return best
-        moves = budget.take(self._task.settings.finishing_moves)
-        poses = compacted(problem, self._task, best.poses, best.boxes, moves, budget)
+        given = problem, self._task
+        moves = budget.take(settings.finishing_moves)
+        poses = compacted(*given, best.poses, best.boxes, moves, budget)
+        for _ in range(budget.take(settings.finishing_shakes) if moves else 0):
+            if budget.is_late:
+                break
+            poses = shaken(*given, poses, best.boxes, self._choices, budget)
+            poses = compacted(*given, poses, best.boxes, moves, budget)
         return self._solution(problem, poses)
 
     def _constructed(self, problem: Problem) -> Solution:
