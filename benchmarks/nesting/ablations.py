@@ -96,7 +96,7 @@ def all_at_once() -> SearchSettings:
 
 def no_moves_at_the_end() -> SearchSettings:
     """Leave the lowest strip as the last separation left it."""
-    return SearchSettings(finishing_moves=0, finishing=(0.0, 0.0))
+    return SearchSettings(finishing_moves=0, finishing=(0.0, 0.0, 0.0))
 
 
 WHOLE = "as it is"

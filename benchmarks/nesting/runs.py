@@ -118,6 +118,20 @@ class Results:
         case = CASES[search.kind](search.name, search.rotations, self.data)
         return replace(_empty(case), placements=tuple(placements))
 
+    def best_before(self, search: Search) -> Search:
+        """Return the search of the same problem, and of less time, with the best result."""
+        of = (search.kind, search.name, search.rotations)
+        runs = [
+            run
+            for run in self.read().values()
+            if (run["kind"], run["name"], run["rotations"]) == of
+            and run["seconds"] < search.seconds
+        ]
+        if not runs:
+            raise SystemExit(f"{search.key}: no search of less time has a result to go on from")
+        sign = -1 if search.kind == "knapsacks" else 1
+        return Search.of(min(runs, key=lambda run: sign * float(run["score"])))
+
     def _problems(self, search: Search, run: dict[str, Any]) -> list[str]:
         try:
             packing = self.packing(search)
@@ -141,6 +155,7 @@ def run(
     workers: int,
     settings: SearchSettings = DEFAULT_SETTINGS,
     data: Path | None = None,
+    start: tuple[Packing, float] | None = None,
 ) -> tuple[dict[str, Any], Packing]:
     """Search.
 
@@ -154,6 +169,8 @@ def run(
         The settings of the search.
     data : Path, optional
         The folder of the literature's instances.
+    start : Packing and float, optional
+        What the search goes on from, and of how many of its seconds that is the result.
 
     Returns
     -------
@@ -164,16 +181,17 @@ def run(
     """
     case = CASES[search.kind](search.name, search.rotations, data)
     curve: list[tuple[float, float]] = []
+    first, spent = start or (None, 0.0)
     before = time.perf_counter()
     packing = nest(
         case.types,
         case.container,
         case.objective,
-        search.seconds,
+        search.seconds - spent,
         search.seed,
         case.clearance,
-        callback=lambda found, seconds: curve.append((round(seconds, 2), score(found))),
-        settings=NestSettings(workers=workers, clock="processor", search=settings),
+        callback=lambda found, seconds: curve.append((round(spent + seconds, 2), score(found))),
+        settings=NestSettings(workers=workers, clock="processor", search=settings, start=first),
     )
     elapsed = time.perf_counter() - before
     result: dict[str, Any] = {
@@ -192,13 +210,39 @@ def run(
     return result, packing
 
 
-def run_all(searches: Sequence[Search], results: Results, workers: int) -> None:
-    """Search what has no result yet, and print each result."""
+def run_all(
+    searches: Sequence[Search],
+    results: Results,
+    workers: int,
+    beginnings: int | None = None,
+    goes_on: bool = False,
+) -> None:
+    """Search what has no result yet, and print each result.
+
+    Parameters
+    ----------
+    beginnings : int, optional
+        How often a long search for a strip begins at most.
+    goes_on : bool
+        Whether each search goes on from the best packing of the same problem, whose search took
+        less time.
+    """
+    settings = DEFAULT_SETTINGS
+    noted: dict[str, Any] = {}
+    if beginnings is not None:
+        settings = replace(settings, most_beginnings=beginnings)
+        noted["beginnings"] = beginnings
     for search in searches:
         if search.key in results.read():
             print(f"{search.key}: done before")
             continue
-        result, packing = run(search, workers, data=results.data)
+        start = None
+        if goes_on:
+            before = results.best_before(search)
+            start = results.packing(before), before.seconds
+            noted["goes on from"] = before.key
+        result, packing = run(search, workers, settings, results.data, start)
+        result |= noted
         results.add(search, result, packing)
         others = ", ".join(f"{name} {value:g}" for name, value in result["others"].items())
         print(f"{search.key}: {result['score']:.4f} (density {result['density']:.3f}); {others}")
