@@ -109,8 +109,9 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path, data: Path | None =
     literature = by_kind["literature"]
     by_items = picture.with_name("benchmark-nesting-by-items.png")
     if literature:
-        draw(literature, picture)
-        draw_ratios(literature, by_items)
+        shown = [run for run in literature if run["seconds"] in (SHORT, LONG)]
+        draw(shown, picture)
+        draw_ratios(shown, by_items)
     if by_kind["builtin"]:
         draw_builtin(results, picture.with_name(PICTURE))
     parts = [
