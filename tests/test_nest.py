@@ -287,6 +287,8 @@ def test_a_long_search_for_a_strip_perseveres() -> None:
     for _, settings in planned:
         assert settings.patience == DEFAULT_SETTINGS.most_patience
         assert settings.restart_probability == 0
+    goes_on = replace(task, start=task.unplaced)
+    assert nest_module._beginnings(goes_on, 9000) == (1, planned[0][1])
 
 
 @pytest.mark.parametrize(

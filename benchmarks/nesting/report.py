@@ -109,7 +109,7 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path, data: Path | None =
     literature = by_kind["literature"]
     by_items = picture.with_name("benchmark-nesting-by-items.png")
     if literature:
-        shown = [run for run in literature if run["seconds"] in (SHORT, LONG)]
+        shown = [run for run in literature if _is_of(run, SHORT) or _is_of(run, LONG)]
         draw(shown, picture)
         draw_ratios(shown, by_items)
     if by_kind["builtin"]:
@@ -178,6 +178,11 @@ def draw(runs: Runs, file: Path) -> None:
     figure.savefig(file, dpi=110)
 
 
+def _is_of(run: dict[str, Any], seconds: float) -> bool:
+    """Return whether a search had so many seconds, and went on from no other one."""
+    return bool(run["seconds"] == seconds) and "goes on from" not in run
+
+
 def _reached(curve: Sequence[tuple[float, float]], seconds: float) -> float:
     """Return the best height until then; NaN before the first."""
     return min((height for at, height in curve if at <= seconds), default=math.nan)
@@ -198,7 +203,7 @@ def _literature(runs: Runs) -> Iterator[str]:
         best = 0 if rotations in MORE_ROTATIONS else best
         cells = []
         for seconds in (SHORT, LONG):
-            heights = [run["score"] for run in own if run["seconds"] == seconds]
+            heights = [run["score"] for run in own if _is_of(run, seconds)]
             ratio = _ratio(heights, published)
             cells += [f"{_mean(heights)} ({len(heights)})" if heights else "-", _number(ratio, 3)]
             if not math.isnan(ratio):

@@ -242,7 +242,7 @@ def nest(
     if settings.start is not None:
         poses, boxes = _poses(settings.start, problems.get(), task, empty)
         task.start = repaired(problems.get(), task, poses, boxes)
-        # For the search, items that touch may be in conflict, and those of a packing made so low.
+        # Items that touch may be in conflict for the search although the check allows them.
         if task.start.inside.sum() < poses.inside.sum():
             first = _packing(problems.get(), task, Solution((), poses, boxes), empty)
             task.start = task.start if problems_of(first) else poses

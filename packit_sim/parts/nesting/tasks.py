@@ -183,7 +183,7 @@ class SearchTask:
     obstacles : ndarray of float64, shape (m, 3)
         The positions of the obstacles.
     start : Poses, optional
-        Poses to begin with, of items that are not in conflict.
+        Poses to begin with, of a valid packing or of items that are not in conflict.
     limits : ItemLimits
         Limits on what is in the box, of a knapsack.
     balance : ItemBalance, optional
