@@ -2,7 +2,7 @@
 
     .venv/bin/python -m benchmarks.nesting builtin --seconds 10
     .venv/bin/python -m benchmarks.nesting literature --data ../shared/esicup --rotations published
-    .venv/bin/python -m benchmarks.nesting literature --data ../shared/esicup --go-on --seconds 1800
+    .venv/bin/python -m benchmarks.nesting literature --data ../shared/esicup --resume --seconds 900
     .venv/bin/python -m benchmarks.nesting strips --rotations cube axis-4
     .venv/bin/python -m benchmarks.nesting knapsacks
     .venv/bin/python -m benchmarks.nesting bins
@@ -18,7 +18,7 @@ instances, and `--verify` leaves out the packings of the literature's.
 Each result is written to `benchmarks/results/nesting.json` at once, and its packing to a file in
 `benchmarks/results/nesting/`: what has a result is not searched again. `--rotations axis` stands
 for the set that others used: axis-4, for Liu's instance axis-8; `--rotations published` for all for
-which others published a height of an instance. `--go-on` continues the best packing of the same
+which others published a height of an instance. `--resume` resumes from the best packing of the same
 problem, and the seconds include those that it took. `--verify` checks all packings again by their
 meshes. `--table` writes `docs/benchmarks/nesting.md` and its picture.
 """
@@ -49,7 +49,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--beginnings", type=int, help="how often a long search begins at most")
-    parser.add_argument("--go-on", action="store_true", help="go on from the row's best packing")
+    parser.add_argument("--resume", action="store_true", help="resume from the row's best packing")
     parser.add_argument("--data", type=Path, help=DATA_HELP)
     parser.add_argument("--verify", action="store_true", help="check all packings again")
     parser.add_argument("--table", action="store_true", help="write the page and its picture")
@@ -72,7 +72,7 @@ def main() -> None:
             for name in chosen
             for rotations in _rotation_sets(name, asked)
         ]
-        run_all(searches, results, arguments.workers, arguments.beginnings, arguments.go_on)
+        run_all(searches, results, arguments.workers, arguments.beginnings, arguments.resume)
     if arguments.verify:
         searches = [Search.of(result) for result in results.read().values()]
         readable = sum(map(results.is_readable, searches))

@@ -72,14 +72,16 @@ rotation sets.
 Two searches run side by side, on two cores. Times are processor seconds of each search, so that
 other work on the machine does not count. The results of `fixed` and `axis-n` after 60 s are of one
 version, but for Merged2, Merged4, and Example4 and Example5 of Stoyan et al. 2004 with `axis-4`.
-Those, and the results of two tasks in a strip with `cube`, of bins, of many library shapes, of
-built-in strips, of clearances and without parts of the search are of later ones, on a machine that
-is 2.5 times slower than all others, so that two tasks in a strip are shown after 150 s too. So are
-most results after 600 s. Only those of Merged1, Merged3, Experiment1 with `fixed`, Example1 and
-Example2 of Stoyan et al. 2005, and Example1 and Example2 of Stoyan et al. 2004 with `axis-4` are
-older: such searches neither began again each minute then nor persevered. Those of Example2 and
-Example3 of Stoyan et al. 2004 and of Example3 of Stoyan et al. 2005 with `fixed` began again each
-minute, where the present search perseveres.
+Those, and the results of bins, of many library shapes, of built-in strips, of clearances and
+without parts of the search are of later ones, on a machine that is 2.5 times slower than others. So
+are most results of the first seed after 600 s. Only those of Merged1, Merged3, Experiment1 with
+`fixed`, Example1 and Example2 of Stoyan et al. 2005, and Example1 and Example2 of Stoyan et al.
+2004 with `axis-4` are older: such searches neither began again each minute then nor persevered.
+Those of Example2 and Example3 of Stoyan et al. 2004 and of Example3 of Stoyan et al. 2005 with
+`fixed` began again each minute, where the present search perseveres. The present search, in which
+the second 300 s resume from the strip of the first, has the second seeds after 600 s, but for
+Example1 and Example3 of Stoyan et al. 2004, and two tasks in a strip with `cube`, both on one of
+the faster machines.
 
 Of 35 published rows four are missing: their two instances (Lamas-Fernandez et al. 2022) are under
 other licences. Packings below the best that was published are in `benchmarks/records/`, in ESICUP's
@@ -179,8 +181,8 @@ def draw(runs: Runs, file: Path) -> None:
 
 
 def _is_of(run: dict[str, Any], seconds: float) -> bool:
-    """Return whether a search had so many seconds, and went on from no other one."""
-    return bool(run["seconds"] == seconds) and "goes on from" not in run
+    """Return whether a search had so many seconds, and resumed from no other one."""
+    return bool(run["seconds"] == seconds) and "resumed from" not in run
 
 
 def _reached(curve: Sequence[tuple[float, float]], seconds: float) -> float:
@@ -255,7 +257,7 @@ def _literature(runs: Runs) -> Iterator[str]:
     if longest > LONG:
         yield (
             f"Our lowest heights are also those of longer searches, of up to {longest:g} s, which "
-            "begin once (`--beginnings 1`) or go on from the best packing of a row (`--go-on`). "
+            "begin once (`--beginnings 1`) or resume from the best packing of a row (`--resume`). "
             f"The published runs of a row took 9000 s together. Of all rows, {records} have a "
             "height below the best of these runs.\n"
         )

@@ -128,7 +128,7 @@ class Results:
             and run["seconds"] < search.seconds
         ]
         if not runs:
-            raise SystemExit(f"{search.key}: no search of less time has a result to go on from")
+            raise SystemExit(f"{search.key}: no search of less time has a result to resume from")
         sign = -1 if search.kind == "knapsacks" else 1
         return Search.of(min(runs, key=lambda run: sign * float(run["score"])))
 
@@ -170,7 +170,7 @@ def run(
     data : Path, optional
         The folder of the literature's instances.
     start : Packing and float, optional
-        What the search goes on from, and of how many of its seconds that is the result.
+        What the search resumes from, and of how many of its seconds that is the result.
 
     Returns
     -------
@@ -215,7 +215,7 @@ def run_all(
     results: Results,
     workers: int,
     beginnings: int | None = None,
-    goes_on: bool = False,
+    resumes: bool = False,
 ) -> None:
     """Search what has no result yet, and print each result.
 
@@ -223,8 +223,8 @@ def run_all(
     ----------
     beginnings : int, optional
         How often a long search for a strip begins at most.
-    goes_on : bool
-        Whether each search goes on from the best packing of the same problem, whose search took
+    resumes : bool
+        Whether each search resumes from the best packing of the same problem, whose search took
         less time.
     """
     settings = DEFAULT_SETTINGS
@@ -237,10 +237,10 @@ def run_all(
             print(f"{search.key}: done before")
             continue
         start = None
-        if goes_on:
+        if resumes:
             before = results.best_before(search)
             start = results.packing(before), before.seconds
-            noted["goes on from"] = before.key
+            noted["resumed from"] = before.key
         result, packing = run(search, workers, settings, results.data, start)
         result |= noted
         results.add(search, result, packing)
