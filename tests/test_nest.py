@@ -39,6 +39,7 @@ from packit_sim.parts.nesting import bins, filling, knapsacks, rounds, strips
 from packit_sim.parts.nesting import nest as nest_module
 from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.nesting.problem import Problem
+from packit_sim.parts.nesting.search import Attempt, NestSearch
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.nesting.tasks import CLOCKS, Poses, SearchBudget, SearchTask, Solution
 from packit_sim.parts.packings.checked_items import tolerance
@@ -280,38 +281,94 @@ def test_a_strip_begins_again_each_minute_or_after_a_second_for_each_item() -> N
     assert nest_module._beginnings(of_many, 300) == (2, DEFAULT_SETTINGS)
 
 
-def test_a_long_search_for_a_strip_perseveres() -> None:
+def test_a_long_search_for_a_strip_perseveres_and_resumes() -> None:
     task = SearchTask(np.zeros(40, np.int64), np.ones(40), np.ones(40), ((1.0, 1.0, math.inf),))
-    planned = [nest_module._beginnings(task, t) for t in (300, 599, 600, 9000)]
-    assert [times for times, _ in planned] == [1, 1, 2, 10]
+    planned = [nest_module._beginnings(task, t) for t in (300, 449, 451, 600, 9000)]
+    assert [times for times, _ in planned] == [1, 1, 2, 2, 10]
     for _, settings in planned:
         assert settings.patience == DEFAULT_SETTINGS.most_patience
         assert settings.restart_probability == 0
-    goes_on = replace(task, start=task.unplaced)
-    assert nest_module._beginnings(goes_on, 9000) == (1, planned[0][1])
+        assert settings.resumes
 
 
-@pytest.mark.parametrize(
-    ("rotations", "goes_on"), [("cube", False), ("fixed", False), ("cube", True)]
-)
-def test_a_long_search_has_one_beginning_and_perseveres(
-    rotations: str, goes_on: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_short_search_for_a_strip_that_has_a_packing_begins_with_it_alone() -> None:
+    task = SearchTask(np.zeros(40, np.int64), np.ones(40), np.ones(40), ((1.0, 1.0, math.inf),))
+    task.start = task.unplaced
+    planned = [nest_module._beginnings(task, t) for t in (120, 299, 300, 600)]
+    assert [times for times, _ in planned] == [1, 1, 1, 2]
+    assert [settings.resumes for _, settings in planned] == [False, False, True, True]
+
+
+@pytest.mark.parametrize("has_start", [False, True])
+@pytest.mark.parametrize("rotations", ["cube", "fixed"])
+def test_a_long_search_resumes_from_its_lowest_strip(
+    rotations: str, has_start: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun: list[SearchSettings] = []
+    begun: list[tuple[float, SearchSettings, bool]] = []
     constructed = strips.StripSearch._constructed
 
     def noted(search: strips.StripSearch, problem: Problem) -> Solution:
-        begun.append(search._task.settings)
-        return constructed(search, problem)
+        solution = constructed(search, problem)
+        begun.append((solution.score[0], search._task.settings, search._task.start is not None))
+        return solution
 
-    items = mixed(rotations)
-    start = nest(items, (3.1, 2.9, OPEN), settings=quick(1)) if goes_on else None
+    items, heights = mixed(rotations), list[float]()
+    start = nest(items, (3.1, 2.9, OPEN), settings=quick(1)) if has_start else None
     monkeypatch.setattr(strips.StripSearch, "_constructed", noted)
     search = SearchSettings(beginning_seconds=(0.1, 0.0))
-    settings = NestSettings(workers=1, search=search, start=start)
-    check(nest(items, (3.1, 2.9, OPEN), time=0.5, settings=settings))
-    assert len(begun) == 1
-    assert begun[0].patience == search.most_patience
+    packing = nest(
+        *(items, (3.1, 2.9, OPEN)),
+        time=1.0,
+        settings=NestSettings(workers=1, search=search, start=start, clock="processor"),
+        callback=lambda found, _: heights.append(found.height),
+    )
+    check(packing)
+    (first, _, _), (second, _, _) = begun
+    assert [starts for *_, starts in begun] == [has_start, True]
+    assert start is None or first == pytest.approx(start.height)
+    assert second <= first and any(second == pytest.approx(each) for each in heights)
+    assert all(settings.patience == search.most_patience for _, settings, _ in begun)
+
+
+class Scripted(NestSearch):
+    """A search that finds one score, and notes what it began with."""
+
+    def __init__(self, task: SearchTask, score: float) -> None:
+        super().__init__(task, 0)
+        self.score = score
+        self.began_with: float | None = None
+
+    def begin_with(self, solution: Solution) -> None:
+        self.began_with = solution.score[0]
+
+    def advance(self, problem: Problem, budget: SearchBudget) -> None:
+        self.best = Solution((self.score,), self._task.unplaced, np.empty((0, 4)))
+
+    def _constructed(self, problem: Problem) -> Solution:
+        raise AssertionError
+
+    def _begun(self, problem: Problem, best: Solution) -> Attempt:
+        raise AssertionError
+
+    def _end(self, problem: Problem, best: Solution, attempt: Attempt, is_apart: bool) -> None:
+        raise AssertionError
+
+
+@pytest.mark.parametrize("resumes", [True, False])
+def test_a_search_resumes_from_the_best_only_if_the_one_before_found_it(resumes: bool) -> None:
+    items = mixed("fixed")
+    found = nest(items, (3.1, 2.9, OPEN), settings=quick(1))
+    task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((1.0, 1.0, math.inf),))
+    searches = [Scripted(task, score) for score in (5, 4, 4.5, 4, 3, 2)]
+    limits = rounds.Limits(0.06, None, threading.Event(), "wall")
+    settings = replace(DEFAULT_SETTINGS, resumes=resumes)
+    with parallel.Threads(1) as workers:
+        problems = rounds.Problems(items, 2.9, 0.0)
+        own = [[each] for each in searches]
+        better = list(rounds.rounds(problems, own, limits, workers, lambda _: found, settings))
+    assert len(better) == 4
+    expected = [None, 5, 4, None, None, 3] if resumes else [None] * 6
+    assert [each.began_with for each in searches] == expected
 
 
 def test_a_strip_gets_lower_at_the_end_by_moves_of_all_its_items() -> None:

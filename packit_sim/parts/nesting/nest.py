@@ -274,7 +274,7 @@ def nest(
         limits = Limits(time - before, settings.iterations, stop, settings.clock)
         try:
             for best, seconds in rounds(
-                problems, beginnings, limits, workers, checked, settings.search
+                problems, beginnings, limits, workers, checked, task.settings
             ):
                 if callback is not None:
                     callback(best, before + seconds)
@@ -292,11 +292,12 @@ def _beginnings(task: SearchTask, seconds: float) -> tuple[int, SearchSettings]:
     least, for_item = settings.beginning_seconds
     times = seconds / max(least, for_item * task.count)
     if times >= settings.persevering:
-        times /= settings.persevering
+        times = round(times / settings.persevering)
         patience = settings.most_patience
-        settings = replace(settings, patience=patience, restart_probability=0.0)
-    most = settings.most_beginnings if task.start is None else 1
-    return int(min(max(times, 1), most)), settings
+        settings = replace(settings, patience=patience, restart_probability=0.0, resumes=True)
+    elif task.start is not None:
+        times = 1
+    return int(min(max(times, 1), settings.most_beginnings)), settings
 
 
 def _body(item_type: ItemType, distance: float, tolerance: float) -> ItemType:

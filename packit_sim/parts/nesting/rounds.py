@@ -169,7 +169,8 @@ def rounds(
     Parameters
     ----------
     beginnings : sequence of list of NestSearch
-        Searches, one for each worker; each list has an equal share of the seconds.
+        Searches, one for each worker; each list has an equal share of the seconds. If the settings
+        say so, a list begins with the best solution if the list before found it.
     limits : Limits
         The seconds of all lists together; passes are for each list.
     workers : Workers or Threads
@@ -177,7 +178,7 @@ def rounds(
     check : callable
         Returns the packing of a solution, or None if it is not valid.
     settings : SearchSettings
-        The lengths of rounds.
+        The lengths of rounds, and whether searches resume.
 
     Yields
     ------
@@ -187,13 +188,18 @@ def rounds(
         The seconds until then.
     """
     best: Solution | None = None
+    latest: Solution | None = None
     before = 0.0
     for n, searches in enumerate(beginnings):
         watch = _Stopwatch(limits.clock)
+        if latest is not None and settings.resumes:
+            for each in searches:
+                each.begin_with(latest)
+        latest = None
         own = replace(limits, seconds=(limits.seconds - before) / (len(beginnings) - n))
         for solution, packing in _once(problems, searches, own, workers, check, settings, watch):
             if best is None or solution.score < best.score:
-                best = solution
+                best = latest = solution
                 yield packing, before + watch.seconds
         before += watch.seconds
         is_over = limits.passes is None and before >= limits.seconds

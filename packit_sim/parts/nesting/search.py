@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -93,6 +94,11 @@ class NestSearch(ABC):
             self._levels.insert(0, order[: len(self._levels[0]) // 2])
         self._level = 0
         self._began = 0.0  # the share of the search that was over when it had the first level
+
+    def begin_with(self, solution: Solution) -> None:
+        """Begin with a solution instead of a construction, and search for all items at once."""
+        self._task = replace(self._task, start=solution.poses)
+        self._levels = self._levels[-1:]
 
     def advance(self, problem: Problem, budget: SearchBudget) -> None:
         """Search until the budget is spent."""

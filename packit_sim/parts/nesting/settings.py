@@ -117,6 +117,9 @@ class SearchSettings:
     persevering : int
         From the time of so many beginnings on, each search takes that time and perseveres: in long
         separations, of which each goes on from the poses of a failed one.
+    resumes : bool
+        Whether a search resumes from the best strip, instead of another construction, if the search
+        before found it; those that persevere do.
     shrink, early_shrink, least_shrink : float
         Largest share by which a strip shrinks at a time, and the smallest ones: early in the search
         with all items, falling with the time that is left, and at its end.
@@ -212,6 +215,7 @@ class SearchSettings:
     beginning_seconds: tuple[float, float] = (60.0, 1.0)
     most_beginnings: int = 10
     persevering: int = 5
+    resumes: bool = False
     shrink: float = 0.04
     early_shrink: float = 0.01
     least_shrink: float = 0.0002
