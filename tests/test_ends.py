@@ -1,10 +1,12 @@
 """Ctrl-C, SIGTERM and SIGHUP end a command with one line at every moment."""
 
+import contextlib
 import os
 import random
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -12,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from packit_sim.cli.local_pages import serve_until_interrupt
+from packit_sim.core import temporary_folders
 from packit_sim.core.signals import as_interrupts
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
@@ -233,28 +236,64 @@ def test_an_error_within_c_code_is_not_taken_for_ctrl_c(monkeypatch) -> None:
 
 def test_a_temporary_folder_ends_with_its_process_or_with_the_next_one(tmp_path) -> None:
     def started() -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            [sys.executable, "-c", TEMPORARY],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=os.environ | {"TMPDIR": str(tmp_path)},
+        return processes.enter_context(
+            subprocess.Popen(
+                [sys.executable, "-c", TEMPORARY],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                env=os.environ | {"TMPDIR": str(tmp_path)},
+            )
         )
 
     def folder(process: subprocess.Popen[str]) -> Path:
         assert process.stdout is not None
         return Path(process.stdout.readline().strip())
 
-    killed, living = started(), started()
-    left, kept = folder(killed), folder(living)
-    killed.kill()
-    killed.communicate()
-    assert left.exists() and kept.exists()
-    last = started()
-    assert folder(last).exists() and not left.exists() and kept.exists()
-    living.communicate("\n")
-    last.communicate("\n")
+    with contextlib.ExitStack() as processes:
+        killed, living = started(), started()
+        left, kept = folder(killed), folder(living)
+        killed.kill()
+        killed.communicate()
+        assert left.exists() and kept.exists()
+        last = started()
+        assert folder(last).exists() and not left.exists() and kept.exists()
+        living.communicate("\n")
+        last.communicate("\n")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("when", ["before it is opened", "before it is locked"])
+def test_a_new_folder_that_another_process_removes_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    removed: list[str] = []
+
+    def remove_the_first(folder: str | Path) -> None:
+        if not removed:
+            removed.append(str(folder))
+            os.rmdir(folder)
+
+    def made(prefix: str, dir: Path, mkdtemp=tempfile.mkdtemp) -> str:
+        folder = mkdtemp(prefix=prefix, dir=dir)
+        if when == "before it is opened":
+            remove_the_first(folder)
+        return folder
+
+    def locked(descriptor: int, wait: bool = True, lock=temporary_folders.lock) -> None:
+        if when == "before it is locked":
+            remove_the_first(os.readlink(f"/proc/self/fd/{descriptor}"))
+        lock(descriptor, wait=wait)
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(tempfile, "mkdtemp", made)
+    monkeypatch.setattr(temporary_folders, "lock", locked)
+    before = len(os.listdir("/proc/self/fd"))
+    folder = temporary_folders.TemporaryFolder("packit-test-")
+    assert list(tmp_path.iterdir()) == [folder.path]
+    assert removed and removed[0] != str(folder.path)
+    folder.remove()
+    assert len(os.listdir("/proc/self/fd")) == before
 
 
 def test_the_first_module_of_a_command_imports_little() -> None:

@@ -41,10 +41,11 @@ class TemporaryFolder:
                 _remove(left, _locked(left, wait=False), os.getpid())
         while True:
             self.path = Path(tempfile.mkdtemp(prefix=name, dir=parent))
-            descriptor = _locked(self.path)
-            if self.path.exists():  # nobody has removed it before it was locked
-                break
-            os.close(descriptor)
+            with suppress(FileNotFoundError):  # another process removed it before it was locked
+                descriptor = _locked(self.path)
+                if self.path.exists():
+                    break
+                os.close(descriptor)
         self.remove = weakref.finalize(self, _remove, self.path, descriptor, os.getpid())
 
 
