@@ -313,12 +313,13 @@ def test_a_long_search_resumes_from_its_lowest_strip(
         return solution
 
     items, heights = mixed(rotations), list[float]()
-    start = nest(items, (3.1, 2.9, OPEN), settings=quick(1)) if has_start else None
+    first_packing = nest(items, (3.1, 2.9, OPEN), settings=quick(1))  # and prepare the search
+    start = first_packing if has_start else None
     monkeypatch.setattr(strips.StripSearch, "_constructed", noted)
-    search = SearchSettings(beginning_seconds=(0.1, 0.0))
+    search = SearchSettings(beginning_seconds=(0.2, 0.0))
     packing = nest(
         *(items, (3.1, 2.9, OPEN)),
-        time=1.0,
+        time=2.0,
         settings=NestSettings(workers=1, search=search, start=start, clock="processor"),
         callback=lambda found, _: heights.append(found.height),
     )
@@ -354,20 +355,30 @@ class Scripted(NestSearch):
         raise AssertionError
 
 
-@pytest.mark.parametrize("resumes", [True, False])
-def test_a_search_resumes_from_the_best_only_if_the_one_before_found_it(resumes: bool) -> None:
+@pytest.mark.parametrize(
+    ("resumes", "has_start", "expected"),
+    [
+        (True, False, [None, 5, 4, None, None, 3]),
+        (True, True, [None, 5, 4, 4, 4, 3]),
+        (False, False, [None] * 6),
+        (False, True, [None] * 6),
+    ],
+)
+def test_a_search_resumes_from_the_best_if_the_one_before_found_it_or_has_a_start(
+    resumes: bool, has_start: bool, expected: list[float | None]
+) -> None:
     items = mixed("fixed")
     found = nest(items, (3.1, 2.9, OPEN), settings=quick(1))
     task = SearchTask(np.zeros(1, np.int64), np.ones(1), np.ones(1), ((1.0, 1.0, math.inf),))
+    task.start = task.unplaced if has_start else None
     searches = [Scripted(task, score) for score in (5, 4, 4.5, 4, 3, 2)]
-    limits = rounds.Limits(0.06, None, threading.Event(), "wall")
+    limits = rounds.Limits(60.0, 1, threading.Event(), "wall")
     settings = replace(DEFAULT_SETTINGS, resumes=resumes)
     with parallel.Threads(1) as workers:
         problems = rounds.Problems(items, 2.9, 0.0)
         own = [[each] for each in searches]
         better = list(rounds.rounds(problems, own, limits, workers, lambda _: found, settings))
     assert len(better) == 4
-    expected = [None, 5, 4, None, None, 3] if resumes else [None] * 6
     assert [each.began_with for each in searches] == expected
 
 

@@ -170,7 +170,8 @@ def rounds(
     ----------
     beginnings : sequence of list of NestSearch
         Searches, one for each worker; each list has an equal share of the seconds. If the settings
-        say so, a list begins with the best solution if the list before found it.
+        say so, a list begins with the best solution if the list before found it, or if it would not
+        begin with a construction.
     limits : Limits
         The seconds of all lists together; passes are for each list.
     workers : Workers or Threads
@@ -192,9 +193,10 @@ def rounds(
     before = 0.0
     for n, searches in enumerate(beginnings):
         watch = _Stopwatch(limits.clock)
-        if latest is not None and settings.resumes:
+        lowest = best if searches[0].has_start else latest
+        if lowest is not None and settings.resumes:
             for each in searches:
-                each.begin_with(latest)
+                each.begin_with(lowest)
         latest = None
         own = replace(limits, seconds=(limits.seconds - before) / (len(beginnings) - n))
         for solution, packing in _once(problems, searches, own, workers, check, settings, watch):

@@ -146,6 +146,11 @@ class NestSearch(ABC):
         self._attempt = None
 
     @property
+    def has_start(self) -> bool:
+        """Whether it begins with given poses instead of a construction."""
+        return self._task.start is not None
+
+    @property
     def _items(self) -> Ints:
         """The items that are searched for now."""
         return self._levels[self._level]

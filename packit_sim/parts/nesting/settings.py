@@ -119,7 +119,7 @@ class SearchSettings:
         separations, of which each goes on from the poses of a failed one.
     resumes : bool
         Whether a search resumes from the best strip, instead of another construction, if the search
-        before found it; those that persevere do.
+        before found it, or instead of a given packing; those that persevere do.
     shrink, early_shrink, least_shrink : float
         Largest share by which a strip shrinks at a time, and the smallest ones: early in the search
         with all items, falling with the time that is left, and at its end.
